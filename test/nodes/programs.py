@@ -5,9 +5,12 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
+import pytest
 from ament_index_python.packages import get_package_prefix
 
 LONGEST_WAIT = 240.0
@@ -37,6 +40,17 @@ def signalled(moment: str, number: signal.Signals) -> list[str]:
     `<module>` where a module begins to be imported.
     """
     return [sys.executable, '-c', _SIGNALLED, moment, str(int(number))]
+
+
+def until(condition: Callable[[], Any], what: str, found: Callable[[], Any] | None = None) -> Any:
+    """Wait until a condition is true and return its value; on timeout, fail with what is found."""
+    deadline = time.monotonic() + LONGEST_WAIT
+    while not (value := condition()):
+        if time.monotonic() > deadline:
+            instead = '' if found is None else f' and found {found()}'
+            pytest.fail(f'waited {LONGEST_WAIT:g} s for {what}{instead}')
+        time.sleep(0.01)
+    return value
 
 
 class Program:

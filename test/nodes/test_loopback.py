@@ -5,10 +5,9 @@ Nor does it use the middleware's shared memory: what a process leaves there half
 killed at its start, all others of the machine wait for.
 """
 
-import time
 from pathlib import Path
 
-from programs import LONGEST_WAIT
+from programs import until
 
 ROOT = Path(__file__).parents[2]
 ENTER = (
@@ -33,11 +32,16 @@ def addresses(process: int) -> set[str]:
 
 def test_a_running_graph_binds_the_loopback_alone_and_shares_no_memory(start):
     enter = ['bash', '-c', ENTER]
-    nodes = [start(name, command=enter) for name in ('simulator', 'soliton_analyser')]
-    deadline = time.monotonic() + LONGEST_WAIT
-    while not any('/chain describes' in line for line in nodes[1].said):
-        assert time.monotonic() < deadline, [node.said for node in nodes]
-        time.sleep(0.1)
+    small = ('--ros-args', '-p', 'chain.number_of_rotors:=8', '-p', 'publish_rate:=50.0')
+    nodes = [
+        start('simulator', *small, command=enter),
+        start('edge_actuator', command=enter),
+    ]
+    until(
+        lambda: any('/chain describes' in line for line in nodes[1].said),
+        'the chain',
+        lambda: [node.said for node in nodes],
+    )
     for node in nodes:
         assert addresses(node.process.pid) == {'127.0.0.1'}
         assert '/dev/shm/fastrtps' not in Path(f'/proc/{node.process.pid}/maps').read_text()

@@ -9,7 +9,7 @@ import time
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from graphs import values
-from programs import LONGEST_WAIT
+from programs import until
 from rclpy.serialization import deserialize_message
 from recordings import messages_of
 
@@ -48,10 +48,7 @@ def machines():
             ip(f'-n {name} link set {end} up')
             ip(f'-n {name} link set lo up')
         # A node that starts before its end of the wire is up binds without it permanently.
-        deadline = time.monotonic() + LONGEST_WAIT
-        while not all(is_up(name, end) for name, end in zip(NAMES, ENDS, strict=True)):
-            assert time.monotonic() < deadline
-            time.sleep(0.05)
+        until(lambda: all(map(is_up, NAMES, ENDS)), 'the wire')
         yield [['ip', 'netns', 'exec', name, *BEYOND] for name in NAMES]
     except subprocess.CalledProcessError:
         pytest.skip('needs network namespaces: run as root, or in a privileged container')
@@ -69,11 +66,13 @@ def test_simulator_here_analyser_there(machines, start, tmp_path):
         command=there,
     )
     begun = time.monotonic()
-    simulator = start('simulator', '--ros-args', '-p', 'publish_rate:=100.0', command=here)
-    deadline = time.monotonic() + LONGEST_WAIT
-    while sum(file.read_bytes().count(REPORT) for file in bag.glob('*.mcap')) < ENOUGH:
-        assert time.monotonic() < deadline, (hearing.said, simulator.said)
-        time.sleep(0.2)
+    small = ('--ros-args', '-p', 'chain.number_of_rotors:=8', '-p', 'publish_rate:=100.0')
+    simulator = start('simulator', *small, command=here)
+    until(
+        lambda: sum(file.read_bytes().count(REPORT) for file in bag.glob('*.mcap')) >= ENOUGH,
+        'reports of the clock',
+        lambda: (hearing.said, simulator.said),
+    )
     assert simulator.stop() == 0
     assert hearing.stop() == 0
     assert any('/chain describes' in line for line in hearing.said)

@@ -4,7 +4,6 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Awaitable, Callable
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,7 +13,6 @@ from recordings import run_of, write_bag
 from soliton_linkage_nodes.live_view.bag_catalogue import BagCatalogue
 from soliton_linkage_nodes.live_view.bag_programs import BagRecording, BagReplay
 from soliton_linkage_nodes.live_view.commands import READ_ONLY
-from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.messages.view_conversions import NodeReport
 
 
@@ -61,7 +59,7 @@ def run(action: Any) -> None:
     asyncio.run(wait())
 
 
-def test_a_read_only_page_records_nothing(tmp_path: Path) -> None:
+def test_a_read_only_page_records_nothing(tmp_path):
     for name in RECORDER:
         recording = BagRecording(tmp_path, finder(), read_only=True)
         with pytest.raises(ValueError, match='this page is read-only'):
@@ -70,7 +68,7 @@ def test_a_read_only_page_records_nothing(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('name', PLAYER)
-def test_a_read_only_page_plays_nothing(tmp_path: Path, named: NamedChain, name: str) -> None:
+def test_a_read_only_page_plays_nothing(tmp_path, named, name):
     write_bag(tmp_path / 'bag', run_of(named, 3))
     replay = BagReplay(BagCatalogue([tmp_path]), tmp_path, finder(), read_only=True)
     with pytest.raises(ValueError, match='this page is read-only'):
@@ -78,13 +76,13 @@ def test_a_read_only_page_plays_nothing(tmp_path: Path, named: NamedChain, name:
     assert (replay.bag, replay.rate, replay.loop) == (None, 1.0, False)
 
 
-def test_no_recorder_is_started_beside_one_of_another_program(tmp_path: Path) -> None:
+def test_no_recorder_is_started_beside_one_of_another_program(tmp_path):
     recording = BagRecording(tmp_path, finder('/bag_recorder'), read_only=False)
     with pytest.raises(ValueError, match='another program is recording this chain'):
         recording.begin('/')
 
 
-def test_without_a_folder_nothing_is_recorded() -> None:
+def test_without_a_folder_nothing_is_recorded():
     recording = BagRecording(None, finder(), read_only=False)
     with pytest.raises(ValueError, match='start live_view with bag_folders'):
         recording.begin('/')
@@ -98,7 +96,7 @@ class SimulatedRecorder(BagRecording):
         return 'recording'
 
 
-def test_record_answers_when_the_recorder_is_connected_to_all_publishers(tmp_path: Path) -> None:
+def test_record_answers_when_the_recorder_is_connected_to_all_publishers(tmp_path):
     found = finder('/bag_recorder')
     recording = SimulatedRecorder(tmp_path, found, read_only=False)
 
@@ -117,7 +115,7 @@ def test_record_answers_when_the_recorder_is_connected_to_all_publishers(tmp_pat
     asyncio.run(record())
 
 
-def test_stop_waits_for_the_state_of_the_newest_frame(tmp_path: Path) -> None:
+def test_stop_waits_for_the_state_of_the_newest_frame(tmp_path):
     found = finder()
     recording = SimulatedRecorder(tmp_path, found, read_only=False)
     recording.begin('/')

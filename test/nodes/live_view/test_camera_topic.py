@@ -28,8 +28,7 @@ def test_it_subscribes_while_a_page_shows_the_pictures_and_keeps_the_newest(grap
     camera.show(True)
     camera.update()
     assert camera.reason == 'no node publishes camera_overlay; start camera_encoders'
-    topic = interfaces.CAMERA_OVERLAY
-    publisher = graph.user.create_publisher(topic.type, topic.name, topic.qos)
+    publisher = interfaces.CAMERA_OVERLAY.publisher(graph.user)
 
     def is_subscribed(shown: bool) -> bool:
         camera.adapt()

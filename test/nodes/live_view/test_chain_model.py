@@ -23,6 +23,12 @@ def named(rotors: int) -> NamedChain:
     return NamedChain(Chain(number_of_rotors=rotors), default_joint_names(rotors))
 
 
+def model_of(chain: NamedChain, clock: Clock | None = None) -> ChainModel:
+    model = ChainModel(clock) if clock else ChainModel()
+    model.set_chain(chain)
+    return model
+
+
 def joints(names: tuple[str, ...], angles: Array, second: int = 5) -> JointStates:
     return JointStates(second, 0, 'linkage', names, angles, np.zeros(len(angles)))
 
@@ -87,8 +93,8 @@ def test_another_number_of_rotors_resets_the_history():
 
 
 def test_the_angle_of_a_missing_joint_is_nan_and_the_zero_mode_is_hidden():
-    chain, model = named(5), ChainModel()
-    model.set_chain(chain)
+    chain = named(5)
+    model = model_of(chain)
     model.update_joints(joints(chain.joint_names[1:], chain.chain.uniform_state(1)[1:]))
     _, arrays = shown(model)
     assert np.isnan(arrays['angles']).tolist() == [True, False, False, False, False]
@@ -98,8 +104,8 @@ def test_the_angle_of_a_missing_joint_is_nan_and_the_zero_mode_is_hidden():
 
 
 def test_joints_of_another_chain_are_rejected():
-    chain, model = named(5), ChainModel()
-    model.set_chain(chain)
+    chain = named(5)
+    model = model_of(chain)
     model.update_joints(joints(chain.joint_names, chain.chain.uniform_state(1)))
     model.update_joints(joints(('wheel',), np.array([1.0])))
     assert "none of the 5 rotors, such as 'rotor_0'" in model.error
@@ -109,8 +115,8 @@ def test_joints_of_another_chain_are_rejected():
 
 
 def test_a_frame_of_a_long_chain_contains_a_limited_number_of_rotors():
-    chain, model = named(10_000), ChainModel()
-    model.set_chain(chain)
+    chain = named(10_000)
+    model = model_of(chain)
     model.update_joints(joints(chain.joint_names, chain.chain.uniform_state(1)))
     assert not len(shown(model)[1]['angles'])
     assert len(shown(model)[1]['overview']) == 2048
@@ -132,9 +138,8 @@ def test_groups_keep_the_smallest_and_the_largest_lean():
 
 
 def test_the_history_has_a_limited_size():
-    clock = Clock()
-    model, chain = ChainModel(clock), named(3000)
-    model.set_chain(chain)
+    clock, chain = Clock(), named(3000)
+    model = model_of(chain, clock)
     frame = chain.chain.uniform_state(1)
     for second in range(400):
         clock.now += 1.0
@@ -156,9 +161,8 @@ def test_the_rate_is_measured_from_sequence_numbers():
 
 
 def test_a_state_is_shown_until_the_analyser_is_silent():
-    clock = Clock()
-    model, chain = ChainModel(clock), named(5)
-    model.set_chain(chain)
+    clock, chain = Clock(), named(5)
+    model = model_of(chain, clock)
     model.update_state({'rotor': 2.25, 'kinetic': 7.0}, [2.25, 0.01, 1.0])
     model.update_joints(joints(chain.joint_names, chain.chain.uniform_state(1)))
     numbers, arrays = shown(model)
@@ -173,9 +177,8 @@ def test_a_state_is_shown_until_the_analyser_is_silent():
 
 
 def test_the_delay_is_the_age_of_the_state_relative_to_the_angles():
-    clock = Clock()
-    model, chain = ChainModel(clock), named(4)
-    model.set_chain(chain)
+    clock, chain = Clock(), named(4)
+    model = model_of(chain, clock)
     angles = chain.chain.uniform_state(1)
     model.update_joints(joints(chain.joint_names, angles, 5))
     assert math.isnan(model.delay)

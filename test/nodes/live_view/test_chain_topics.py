@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Chain and soliton of the page belong to the same frame."""
 
-from __future__ import annotations
-
 import math
 import time
 from dataclasses import replace
@@ -29,92 +27,91 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
 
 
-def finder(graph: Graph) -> ChainFinder:
-    inbox = Node('inbox', context=graph.context)
-    return ChainFinder(inbox, '/')
+class Page:
+    """Topics of a page, and publishers of frames and states."""
+
+    def __init__(self, graph: Graph, named: NamedChain) -> None:
+        self.finder = ChainFinder(Node('inbox', context=graph.context), '/')
+        self.topics = self.finder.chains['/']
+        self.model = self.topics.model
+        self._named = named
+        self._joints = graph.speak(interfaces.JOINT_STATES)
+        self._states = graph.speak(interfaces.SOLITON_STATE)
+
+    def publish_frame(self, stamp: int, angle: float) -> None:
+        angles = np.full(self._named.rotors, float(angle))
+        frame = Frame(angles, 0 * angles)
+        self._joints.publish(frame_to_msg(self._named, frame, 0 * angles, time_to_msg(stamp)))
+
+    def publish_state(self, stamp: int, rotor: float) -> None:
+        header = Header(stamp=time_to_msg(stamp))
+        self._states.publish(SolitonState(header=header, solitons=[Soliton(rotor=float(rotor))]))
+
+    def update(self) -> None:
+        self.finder.update()
 
 
-def test_a_late_state_is_shown_with_its_own_frame(graph: Graph, named: NamedChain) -> None:
-    found = finder(graph)
-    model = found.chains['/'].model
-    joints, states = graph.speak(interfaces.JOINT_STATES), graph.speak(interfaces.SOLITON_STATE)
+@pytest.fixture
+def page(graph, named):
+    return Page(graph, named)
 
-    def publish_frame(number: int) -> None:
-        angles = np.full(named.rotors, float(number))
-        stamp = time_to_msg(number * SECOND)
-        joints.publish(frame_to_msg(named, Frame(angles, 0 * angles), 0 * angles, stamp))
 
-    def publish_state(number: int) -> None:
-        soliton = Soliton(rotor=float(number))
-        stamp = time_to_msg(number * SECOND)
-        states.publish(SolitonState(header=Header(stamp=stamp), solitons=[soliton]))
+def test_a_late_state_is_shown_with_its_own_frame(graph, page):
+    model, topics = page.model, page.topics
 
-    def shown(number: int) -> bool:
-        found.update()
+    def shown(number):
+        page.update()
         return model.angles.size > 0 and model.angles[0] == model.numbers.get('rotor') == number
 
-    publish_frame(0)
-    graph.until(lambda: found.update() or model.frames == 1, 'the joints')
-    topics = found.chains['/']
+    page.publish_frame(0, 0)
+    graph.until(lambda: page.update() or model.frames == 1, 'the joints')
     assert topics.is_analysed(topics.newest_frame), 'no analyser publishes'
-    publish_frame(1)
-    publish_state(1)
-    graph.until(lambda: shown(1), 'the first frame with its state')
-    publish_frame(2)
-    publish_state(2)
-    graph.until(lambda: shown(2), 'the second frame with its state')
+    for number in (1, 2):
+        page.publish_frame(number * SECOND, number)
+        page.publish_state(number * SECOND, number)
+        graph.until(lambda n=number: shown(n), f'frame {number} with its state')
     assert model.delay == 0.0
     assert topics.newest_frame == 2 * SECOND
     assert topics.is_analysed(2 * SECOND)
-    publish_frame(3)
-    graph.until(lambda: found.update() or topics.newest_frame == 3 * SECOND, 'the third frame')
-    graph.until(
-        lambda: publish_state(2) or found.update() or not topics.is_analysed(3 * SECOND), 'states'
-    )
-    publish_state(3)
-    graph.until(lambda: found.update() or topics.is_analysed(3 * SECOND), 'its state')
-
-
-def test_the_first_frame_is_not_shown_with_an_earlier_state(
-    graph: Graph, named: NamedChain
-) -> None:
-    found = finder(graph)
-    topics, model = found.chains['/'], found.chains['/'].model
-    joints, states = graph.speak(interfaces.JOINT_STATES), graph.speak(interfaces.SOLITON_STATE)
-    header = Header(stamp=time_to_msg(SECOND))
+    page.publish_frame(3 * SECOND, 3)
+    graph.until(lambda: page.update() or topics.newest_frame == 3 * SECOND, 'the third frame')
     graph.until(
         lambda: (
-            states.publish(SolitonState(header=header, solitons=[Soliton(rotor=3.0)]))
-            or found.update()
-            or not topics.is_analysed(2 * SECOND)
+            page.publish_state(2 * SECOND, 2)
+            or page.update()
+            or not topics.is_analysed(3 * SECOND)
+        ),
+        'states',
+    )
+    page.publish_state(3 * SECOND, 3)
+    graph.until(lambda: page.update() or topics.is_analysed(3 * SECOND), 'its state')
+
+
+def test_the_first_frame_is_not_shown_with_an_earlier_state(graph, page):
+    graph.until(
+        lambda: (
+            page.publish_state(SECOND, 3.0)
+            or page.update()
+            or not page.topics.is_analysed(2 * SECOND)
         ),
         'a state',
     )
-    zeros = np.zeros(named.rotors)
-    joints.publish(frame_to_msg(named, Frame(zeros, zeros), zeros, time_to_msg(2 * SECOND)))
-    graph.until(lambda: found.update() or topics.newest_frame == 2 * SECOND, 'the first frame')
-    assert 'rotor' not in model.numbers
+    page.publish_frame(2 * SECOND, 0.0)
+    graph.until(lambda: page.update() or page.topics.newest_frame == 2 * SECOND, 'the first frame')
+    assert 'rotor' not in page.model.numbers
 
 
-def test_each_frame_has_its_own_state_if_the_analyser_lags(
-    graph: Graph, named: NamedChain
-) -> None:
-    found, lag = finder(graph), 20
-    model = found.chains['/'].model
-    joints, states = graph.speak(interfaces.JOINT_STATES), graph.speak(interfaces.SOLITON_STATE)
+def test_each_frame_has_its_own_state_if_the_analyser_lags(graph, page):
+    lag, model = 20, page.model
     numbers, shown = count(1), list[bool]()
 
-    def shows_pairs() -> bool:
+    def shows_pairs():
         number = next(numbers)
-        angles = np.full(named.rotors, float(number))
-        stamp = time_to_msg(number * SECOND)
-        joints.publish(frame_to_msg(named, Frame(angles, angles), angles, stamp))
+        page.publish_frame(number * SECOND, number)
         if number > lag:
-            late = number - lag
-            header = Header(stamp=time_to_msg(late * SECOND))
-            states.publish(SolitonState(header=header, solitons=[Soliton(rotor=float(late))]))
+            page.publish_state((number - lag) * SECOND, number - lag)
         before = model.frames
-        found.update()
+        page.update()
         if model.frames > before:
             shown.append(model.angles[0] == model.numbers.get('rotor'))
         return len(shown) > 10 and all(shown[-10:])
@@ -122,22 +119,15 @@ def test_each_frame_has_its_own_state_if_the_analyser_lags(
     graph.until(shows_pairs, 'ten frames with their states', lambda: shown)
 
 
-def test_the_history_contains_the_frames_for_which_no_state_arrived(
-    graph: Graph, named: NamedChain
-) -> None:
-    found = finder(graph)
-    model = found.chains['/'].model
-    joints, states = graph.speak(interfaces.JOINT_STATES), graph.speak(interfaces.SOLITON_STATE)
-    angles = np.zeros(named.rotors)
-    stamps = count(SECOND, SECOND // 10)
+def test_the_history_contains_the_frames_for_which_no_state_arrived(graph, page):
+    model, stamps = page.model, count(SECOND, SECOND // 10)
 
-    def publish(analysed: bool) -> None:
-        stamp = time_to_msg(next(stamps))
-        joints.publish(frame_to_msg(named, Frame(angles, angles), angles, stamp))
+    def publish(analysed):
+        stamp = next(stamps)
+        page.publish_frame(stamp, 0.0)
         if analysed:
-            header = Header(stamp=stamp)
-            states.publish(SolitonState(header=header, solitons=[Soliton(rotor=3.0)]))
-        found.update()
+            page.publish_state(stamp, 3.0)
+        page.update()
 
     graph.until(lambda: publish(True) or model.numbers.get('rotor') == 3.0, 'the soliton')
     begin = model.stamp
@@ -150,39 +140,24 @@ def test_the_history_contains_the_frames_for_which_no_state_arrived(
     assert columns == sorted(columns)
 
 
-def test_a_frame_without_its_state_shows_no_soliton(graph: Graph, named: NamedChain) -> None:
-    found = finder(graph)
-    model = found.chains['/'].model
-    joints, states = graph.speak(interfaces.JOINT_STATES), graph.speak(interfaces.SOLITON_STATE)
-    stamps, zeros = count(SECOND, SECOND // 100), np.zeros(named.rotors)
+def test_a_frame_without_its_state_shows_no_soliton(graph, page):
+    model, stamps = page.model, count(SECOND, SECOND // 100)
 
-    def publish(angle: float) -> None:
-        stamp = time_to_msg(next(stamps))
-        joints.publish(frame_to_msg(named, Frame(zeros + angle, zeros), zeros, stamp))
+    def publish(angle):
+        stamp = next(stamps)
+        page.publish_frame(stamp, angle)
         if not angle:
-            header = Header(stamp=stamp)
-            states.publish(SolitonState(header=header, solitons=[Soliton(rotor=3.0)]))
-        found.update()
+            page.publish_state(stamp, 3.0)
+        page.update()
 
     graph.until(lambda: publish(0.0) or model.numbers.get('rotor') == 3.0, 'the soliton')
     graph.until(lambda: publish(1.0) or model.angles[0] == 1.0, 'a frame without a state')
     assert 'rotor' not in model.numbers
 
 
-def test_frames_are_shown_without_an_analyser(graph: Graph, named: NamedChain) -> None:
-    found = finder(graph)
-    model = found.chains['/'].model
-    joints = graph.speak(interfaces.JOINT_STATES)
-    angles = np.full(named.rotors, 0.5)
-    joints.publish(frame_to_msg(named, Frame(angles, angles), angles, time_to_msg(SECOND)))
-    graph.until(lambda: found.update() or model.frames == 1, 'the frame')
-
-
 @pytest.mark.parametrize('publishers', [1, 2])
-def test_frames_in_two_messages_are_shown_whole(
-    graph: Graph, named: NamedChain, publishers: int
-) -> None:
-    found = finder(graph)
+def test_frames_in_two_messages_are_shown_whole_without_an_analyser(graph, named, publishers):
+    found = ChainFinder(Node('inbox', context=graph.context), '/')
     model = found.chains['/'].model
     chain = graph.speak(interfaces.CHAIN)
     chain.publish(chain_to_msg(named, time_to_msg(0)))
@@ -205,8 +180,8 @@ def test_frames_in_two_messages_are_shown_whole(
     graph.until(shows_whole_frames, 'three whole frames', lambda: (shown, model.angles))
 
 
-def test_late_frames_are_a_share_of_the_last_seconds(graph: Graph) -> None:
-    found = finder(graph)
+def test_late_frames_are_a_share_of_the_last_seconds(graph):
+    found = ChainFinder(Node('inbox', context=graph.context), '/')
     reports = graph.speak(interfaces.DIAGNOSTICS)
 
     def report(missed: int, frames: int) -> None:

@@ -10,7 +10,6 @@ from soliton_linkage_nodes.live_view.frame_layout import (
     Column,
     kind_of,
     pack,
-    pack_camera,
     pack_history,
     unpack,
 )
@@ -57,10 +56,3 @@ def test_a_history_contains_its_chain_and_columns():
 def test_a_history_omits_columns_of_another_length():
     columns = [Column((0.0,) * 7, np.zeros(n, dtype=np.float32)) for n in (5, 3)]
     assert struct.unpack_from('<3d', pack_history(0, columns), 8) == (0.0, 1.0, 3.0)
-
-
-def test_a_camera_picture_contains_chain_stamp_age_and_jpeg():
-    packed = pack_camera(2, 7.5, 0.25, b'jpeg')
-    assert kind_of(packed) == 'camera'
-    assert struct.unpack_from('<3d', packed, 8) == (2.0, 7.5, 0.25)
-    assert packed[32:] == b'jpeg'

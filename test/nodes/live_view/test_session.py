@@ -5,7 +5,11 @@ import os
 import signal
 from pathlib import Path
 
+import pytest
+
+from soliton_linkage_nodes.live_view import session
 from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.child_processes import ChildProcesses
 
 SLOW = """
 /**: {ros__parameters: {chain.number_of_rotors: 8}}
@@ -38,9 +42,18 @@ def test_a_killed_node_is_started_again_and_named(graph, start, tmp_path):
     assert program.stop() == 130
 
 
-def test_a_node_that_cannot_start_ends_the_program(start, tmp_path):
+def test_a_node_that_cannot_start_ends_the_program(graph, tmp_path, monkeypatch, capsys):
+    class SimulatorAndPage(ChildProcesses):
+        def start(self, node, *given):
+            if node in ('simulator', 'live_view'):
+                super().start(node, *given)
+
     wrong = tmp_path / 'wrong.yaml'
     wrong.write_text('/**/simulator: {ros__parameters: {chain.spacing: -1.0}}')
-    program = start('live', str(wrong), '--output', str(tmp_path / 'out'), '--port', '0')
-    assert program.wait() == 1
-    assert any('simulator ended with exit code 1' in line for line in program.said)
+    options = ['--output', str(tmp_path / 'out'), '--port', '0', '--no-browser']
+    monkeypatch.setattr(session, 'ChildProcesses', SimulatorAndPage)
+    monkeypatch.setattr('sys.argv', ['live', str(wrong), *options])
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(graph.domain))
+    with pytest.raises(SystemExit, match='1'):
+        session.main()
+    assert 'simulator ended with exit code 1' in capsys.readouterr().err

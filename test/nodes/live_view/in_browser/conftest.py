@@ -14,7 +14,8 @@ import pytest
 
 sys.path.append(str(Path(__file__).parent))
 
-from live_stage import PLACE, SIMULATED, Browser, Stage, SteeredClock, Visit, until
+from live_stage import PLACE, SIMULATED, Browser, Stage, SteeredClock, Visit
+from programs import until
 from std_srvs.srv import SetBool, Trigger
 
 from soliton_linkage_msgs.srv import Reset, Step
@@ -79,7 +80,6 @@ def fresh_nicegui(browser):
 
 @pytest.fixture(scope='package')
 def domains():
-    """Return unused domains."""
     with ExitStack() as stack:
         yield lambda: stack.enter_context(domain_coordinator.domain_id(lambda: next(_domains)))
 

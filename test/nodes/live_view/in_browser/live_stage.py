@@ -4,13 +4,13 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 from graphs import Graph
+from programs import LONGEST_WAIT, until
 from rclpy.publisher import Publisher
 from rclpy.service import Service
 from rclpy.timer import Timer
@@ -28,8 +28,6 @@ from soliton_linkage_nodes.runtime.stamps import time_to_msg
 from soliton_linkage_nodes.simulator.node import Simulator
 from soliton_linkage_nodes.soliton_steering.node import SolitonSteering
 
-PICTURES = Path(__file__).parents[4] / 'out' / 'live'
-LONGEST_WAIT = 240.0
 ROTORS, PLACE = 12, 5.5
 FRAME_PERIOD = 0.08
 SIMULATED = {
@@ -38,17 +36,6 @@ SIMULATED = {
     'initial_state': 'soliton',
     'initial_position': PLACE,
 }
-
-
-def until(condition: Callable[[], Any], what: str, found: Callable[[], Any] | None = None) -> Any:
-    """Wait until a condition is true and return its value; on timeout, fail with what is found."""
-    deadline = time.monotonic() + LONGEST_WAIT
-    while not (value := condition()):
-        if time.monotonic() > deadline:
-            instead = '' if found is None else f' and found {found()}'
-            pytest.fail(f'waited {LONGEST_WAIT:g} s for {what}{instead}')
-        time.sleep(0.01)
-    return value
 
 
 class Stage(Graph):
@@ -65,7 +52,6 @@ class Stage(Graph):
     def until(
         self, condition: Callable[[], Any], what: str, found: Callable[[], Any] | None = None
     ) -> None:
-        """Wait until a condition is true, while the thread spins."""
         until(condition, what, found)
 
     def subscribe(self, topic: interfaces.Topic, namespace: str = '/') -> Any:
@@ -91,7 +77,6 @@ class Stage(Graph):
         self._run_on_executor(lambda: [any(act(each) for act in destroy) for each in others])
 
     def close(self) -> None:
-        """Stop the thread and destroy all nodes."""
         self._stopping.set()
         self._thread.join()
         super().close()
@@ -154,7 +139,6 @@ class Visit:
         self.open(browser)
 
     def open(self, browser: Browser) -> None:
-        """Open the page in a browser."""
         self.console: list[str] = []
         self._context = browser.new_context(
             viewport={'width': 1400, 'height': 1000}, **self._options
@@ -167,7 +151,6 @@ class Visit:
         self.load()
 
     def load(self) -> None:
-        """Load the page."""
         self.page.goto(self.address)
         self.wait('window.live && live.drawn > 2 && live.status.chains.length')
 
@@ -197,7 +180,6 @@ class Visit:
         self.field(label).press('Tab')
 
     def has_value(self, label: str, value: str) -> None:
-        """Wait until a field shows a value."""
         field = self.field(label)
         until(lambda: field.input_value() == value, f'{label} to be {value}')
 
@@ -209,11 +191,9 @@ class Visit:
         wanted.click()
 
     def panel_has_text(self, text: str) -> None:
-        """Wait until the open panel contains a text."""
         self.page.locator('.q-tab-panel:visible', has_text=text).first.wait_for()
 
     def has_text(self, name: str, text: str) -> None:
-        """Wait until an element contains a text."""
         self.wait(f'document.getElementById("live-{name}").textContent.includes({text!r})')
 
     def answers(self, text: str) -> None:
@@ -236,10 +216,6 @@ class Visit:
             return new Set(new Uint32Array(data.buffer)).size; })()""".replace('PLOT', plot)
         )
 
-    def shot(self, name: str) -> None:
-        PICTURES.mkdir(parents=True, exist_ok=True)
-        self.page.screenshot(path=PICTURES / f'{name}.png', full_page=True)
-
     def mass(self, rotor: int) -> tuple[float, float]:
         """Return the pixels of the mass of a rotor."""
         box = self.page.locator('#live-chain').bounding_box()
@@ -247,7 +223,6 @@ class Visit:
         return box['x'] + x, box['y'] + y
 
     def resize(self, width: int, height: int) -> None:
-        """Resize the window, and wait until the page is drawn in that size."""
         self.page.set_viewport_size({'width': width, 'height': height})
         before = self.js('live.drawn')
         self.wait(f'live.drawn > {before + 4}')
@@ -291,11 +266,9 @@ class Rig:
         self._timer = self.user.create_timer(0.1, self._publish)
 
     def go(self, rotors: int) -> None:
-        """Publish so many rotors periodically."""
         self._rotors = rotors
 
     def stop(self) -> None:
-        """Stop publishing."""
         self._rotors = 0
 
     def close(self) -> None:

@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
-from live_stage import Visit, until
+from programs import until
 
 from soliton_linkage_nodes.bags.reading import open_bag, read_topic
-from soliton_linkage_nodes.live_view.view import View
 from soliton_linkage_nodes.runtime.stamps import SECOND
 
 
-def test_a_bag_is_recorded_split_and_finished(visit: Visit, view: View) -> None:
+def test_a_bag_is_recorded_split_and_finished(visit, view):
     visit.tab('Bags')
     visit.click('record')
     visit.answers('recording to ')
@@ -24,7 +23,6 @@ def test_a_bag_is_recorded_split_and_finished(visit: Visit, view: View) -> None:
     visit.answers('started a new file')
     visit.click('record-snapshot')
     visit.answers('snapshot_duration of bag_recorder = 0')
-    visit.shot('recording')
     visit.click('record-stop')
     visit.answers('the bag is complete')
     (bag,) = [bag for bag in view.catalogue.bags() if bag.name.startswith('recording_')]
@@ -35,7 +33,7 @@ def test_a_bag_is_recorded_split_and_finished(visit: Visit, view: View) -> None:
     assert len(list(bag.path.glob('*.mcap*'))) == 2
 
 
-def test_a_snapshot_keeps_the_last_seconds(visit: Visit, view: View) -> None:
+def test_a_snapshot_keeps_the_last_seconds(visit, view):
     visit.tab('Bags')
     before = {bag.path for bag in view.catalogue.bags()}
     visit.fill('only keep the last', 2)
@@ -53,9 +51,7 @@ def test_a_snapshot_keeps_the_last_seconds(visit: Visit, view: View) -> None:
     visit.fill('only keep the last', 0)
 
 
-def test_a_bag_is_played_beside_the_chain_with_seek_rate_and_loop(
-    visit: Visit, view: View
-) -> None:
+def test_a_bag_is_played_beside_the_chain_with_seek_rate_and_loop(visit, view):
     visit.tab('Bags')
     visit.click('bags-list')
     bag = visit.page.locator('.live-bag:has-text("flipper_0")')
@@ -68,7 +64,6 @@ def test_a_bag_is_played_beside_the_chain_with_seek_rate_and_loop(
     )
     visit.has_text('health', 'replay of flipper_0')
     assert 'flipper_0' in visit.text('time-note')
-    visit.shot('replay')
     visit.click('replay-play')
     until(lambda: view.replay.paused, 'the pause')
     box = visit.page.locator('#live-time').bounding_box()

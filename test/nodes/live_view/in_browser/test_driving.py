@@ -3,7 +3,7 @@ import math
 
 import numpy as np
 import pytest
-from live_stage import until
+from programs import until
 
 from soliton_linkage.linear.bands import band_edges
 from soliton_linkage_msgs.msg import EdgeCommand
@@ -176,7 +176,6 @@ def test_the_simulation_is_paused_stepped_and_resumed_and_its_factor_is_set(visi
     visit.click('pause')
     visit.has_text('stale', 'paused, no joint_states for')
     visit.wait('!document.getElementById("live-health").textContent')
-    visit.shot('paused')
     before = len(received)
     visit.fill('periods', 7)
     visit.click('step')
@@ -238,7 +237,6 @@ def test_parameters_are_shown_with_range_and_unit_and_changed(visit, view):
     visit.tab('Settings')
     visit.choose('node', 'simulator')
     visit.panel_has_text('acceleration of a free mass [m/s^2]; 0 ')
-    visit.shot('settings')
     visit.fill('gravity.acceleration', 0.5)
     until(
         lambda: view.finder.reports['/simulator'][1].figures['gravity [m/s^2]'] == '0.5',

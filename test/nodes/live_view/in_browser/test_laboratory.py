@@ -4,8 +4,9 @@ import io
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from live_stage import Stage, until
+from live_stage import Stage
 from PIL import Image
+from programs import until
 from sensor_msgs.msg import CompressedImage
 from std_srvs.srv import Trigger
 
@@ -24,11 +25,10 @@ class Camera:
     """Publisher of a picture with a red and a blue half, while it has a subscriber."""
 
     def __init__(self, stage: Stage) -> None:
-        topic = interfaces.CAMERA_OVERLAY
         self._stage = stage
         self._user = stage.user
         self.data = picture()
-        self.publisher = self._user.create_publisher(topic.type, topic.name, topic.qos)
+        self.publisher = interfaces.CAMERA_OVERLAY.publisher(self._user)
         self._timer = self._user.create_timer(0.1, self._publish)
 
     def close(self) -> None:
@@ -69,7 +69,6 @@ def test_camera_pictures_are_shown_while_the_panel_is_open(visit, camera):
         visit.resize(*size)
         shown = visit.page.locator('#live-camera').bounding_box()
         assert shown['width'] / shown['height'] == pytest.approx(320 / 180, rel=0.02)
-    visit.shot('camera')
     box = visit.page.locator('#live-camera-figure summary')
     box.click()
     until(lambda: camera.publisher.get_subscription_count() == 0, 'the end of the subscription')
@@ -79,7 +78,6 @@ def test_camera_pictures_are_shown_while_the_panel_is_open(visit, camera):
     camera.data = b''
     visit.has_text('camera-figure', 'no picture for ')
     assert 'stopped' in visit.page.locator('#live-camera-figure').get_attribute('class')
-    visit.shot('camera_stopped')
     camera.data = b'no picture'
     visit.has_text('camera-figure', "10 bytes of format 'jpeg' are no JPEG")
     camera.data = b'\xff\xd8\xff and so on'
@@ -93,11 +91,10 @@ class Identifier:
     """Services and reports of a chain identifier."""
 
     def __init__(self, stage: Stage) -> None:
-        topic = interfaces.DIAGNOSTICS
         self._stage = stage
         self._user = stage.user
         self.requested: list[str] = []
-        self._reports = self._user.create_publisher(topic.type, topic.name, topic.qos)
+        self._reports = interfaces.DIAGNOSTICS.publisher(self._user)
         self._services = [
             self._user.create_service(
                 Trigger,
@@ -152,7 +149,6 @@ def test_the_buttons_identify_and_save_the_chain(visit, stage):
     visit.has_text('identified', 'noise of the angles: 0.01 rad')
     visit.has_text('identified', 'standard deviation of lengths of one kind: 5 %')
     visit.page.locator('#live-identifying').wait_for(state='hidden')
-    visit.shot('identified')
     visit.click('identifier-save')
     visit.answers('save received')
     visit.click('identifier-forget')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-from live_stage import until
+from programs import until
 from rclpy.action import ActionClient
 
 from soliton_linkage_msgs.action import MoveSoliton
@@ -7,10 +7,11 @@ from soliton_linkage_msgs.action import MoveSoliton
 
 def test_a_click_moves_the_soliton_and_release_ends_the_hold(at_rest, view):
     visit = at_rest
+    for name in ('cancel', 'release'):
+        visit.page.locator(f'#live-{name}[disabled]').wait_for()
     visit.page.mouse.click(*visit.place(7.0))
     visit.page.locator('#live-move progress').wait_for()
     visit.wait('Math.abs(live.shown.goal - 7) < 0.06')
-    visit.shot('move')
     visit.page.reload()
     visit.wait('window.live && live.drawn > 2')
     energies = visit.js('live.track(0).energies.map((s) => s.filter(Number.isFinite).length)')
@@ -22,11 +23,13 @@ def test_a_click_moves_the_soliton_and_release_ends_the_hold(at_rest, view):
     until(lambda: not move.under_way, 'the end of the move')
     assert move.state == 'reached'
     visit.has_text('move', 'reached')
+    visit.page.locator('#live-cancel[disabled]').wait_for()
     visit.click('release')
     visit.answers('released')
+    visit.page.locator('#live-release[disabled]').wait_for()
 
 
-def test_a_move_is_cancelled_and_a_goal_outside_the_chain_is_rejected(at_rest, view):
+def test_a_move_is_cancelled_a_goal_outside_is_rejected_and_a_reset_ends_the_status(at_rest, view):
     visit = at_rest
     visit.page.focus('#live-chain')
     for _ in range(3):
@@ -40,9 +43,10 @@ def test_a_move_is_cancelled_and_a_goal_outside_the_chain_is_rejected(at_rest, v
     visit.click('carry')
     visit.answers('outside the chain: ')
     assert view.commands('/').move.state == 'cancelled'
-    visit.click('release')
-    visit.answers('released')
+    visit.tab('Run')
+    visit.click('reset')
     visit.wait('document.getElementById("live-move").textContent === ""')
+    assert not view.commands('/').move.state
     visit.page.focus('#live-chain')
     visit.page.keyboard.press('Escape')
 
@@ -64,17 +68,6 @@ def test_a_pull_releases_the_held_soliton(at_rest, view):
         'live.answers.log.some((text) => text.includes("accepted") || text.includes("rotor_9"))'
     )
     assert not view.commands('/').holding
-
-
-def test_a_reset_ends_the_status_of_a_move(at_rest, view):
-    visit = at_rest
-    visit.fill('to rotor', 6)
-    visit.click('carry')
-    visit.has_text('move', 'reached: ')
-    visit.tab('Run')
-    visit.click('reset')
-    visit.wait('document.getElementById("live-move").textContent === ""')
-    assert not view.commands('/').move.state
 
 
 def test_a_move_of_another_client_is_shown_and_cancelled(at_rest, view, stage):

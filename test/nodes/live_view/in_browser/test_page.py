@@ -3,18 +3,16 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-from live_stage import PLACE, ROTORS, Stage, Visit, until
+from live_stage import PLACE, ROTORS, Visit
 from matplotlib import colormaps
+from programs import until
 
 from soliton_linkage.linkage.chain import Chain
-from soliton_linkage_nodes.live_view.node import LiveView
 from soliton_linkage_nodes.live_view.sharing import shared_page
-from soliton_linkage_nodes.live_view.view import View
 from soliton_linkage_studies import palette
 from soliton_linkage_studies.drawing import lean_norm
 
@@ -31,7 +29,7 @@ def wait_for_position(visit: Visit, note: str, label: str) -> None:
     until(there, f'the position in {note}')
 
 
-def test_every_panel_shows_the_published_state(at_rest: Visit, view: View) -> None:
+def test_every_panel_shows_the_published_state(at_rest, view):
     visit = at_rest
     model = view.chains['/'].model
     visit.wait(f'Math.abs(live.shown.rotor - {PLACE}) < 0.1 && live.shown.age < 0.5')
@@ -58,10 +56,9 @@ def test_every_panel_shows_the_published_state(at_rest: Visit, view: View) -> No
     np.testing.assert_allclose(column, lean, atol=1e-4)
     assert 'frames/s' in visit.text('health')
     assert not visit.page.locator('#live-stale').is_visible()
-    visit.shot('chain_light')
 
 
-def test_the_colours_equal_those_of_the_figures(visit: Visit, view: View) -> None:
+def test_the_colours_equal_those_of_the_figures(visit, view):
     own = visit.page.evaluate('async () => (await import("/live/drawing.js")).COLOURS')
     assert own == {name: getattr(palette, name.upper()) for name in own}
     chain = view.chains['/'].model.named.chain
@@ -76,7 +73,7 @@ def test_the_colours_equal_those_of_the_figures(visit: Visit, view: View) -> Non
     np.testing.assert_allclose(drawn, 255 * figures, atol=4)
 
 
-def test_the_chain_is_zoomed_and_panned(visit: Visit) -> None:
+def test_the_chain_is_zoomed_and_panned(visit):
     visit.page.mouse.move(*visit.place(6.0))
     visit.page.mouse.wheel(0, -300)
     visit.wait('live.view.last - live.view.first < 11')
@@ -90,9 +87,7 @@ def test_the_chain_is_zoomed_and_panned(visit: Visit) -> None:
     )
 
 
-def test_two_browsers_have_independent_pages(
-    visit: Visit, open_page: Callable[..., Visit], live_view: LiveView
-) -> None:
+def test_two_browsers_have_independent_pages(visit, open_page, live_view):
     other = open_page(color_scheme='dark', has_touch=True)
     assert len(live_view.streams) == 2
     past = 'live.tracks.get("/").energies[0].filter(Number.isFinite).length'
@@ -101,7 +96,6 @@ def test_two_browsers_have_independent_pages(
     before = visit.js('live.drawn')
     visit.wait(f'live.drawn > {before + 5}')
     assert other.js('document.body.classList.contains("body--dark")')
-    other.shot('desktop_dark')
     check_phone(other)
     other.close()
     until(lambda: len(live_view.streams) == 1, 'the end of the other stream')
@@ -118,17 +112,16 @@ def check_phone(visit: Visit) -> None:
         box = visit.page.locator(f'#live-{name}').bounding_box()
         assert box['x'] >= 0
         assert box['x'] + box['width'] <= 390
-    visit.shot('phone_dark')
 
 
-def test_a_button_toggles_the_dark_background(visit: Visit) -> None:
+def test_a_button_toggles_the_dark_background(visit):
     visit.click('dark')
     visit.wait('document.body.classList.contains("body--dark")')
     visit.click('dark')
     visit.wait('!document.body.classList.contains("body--dark")')
 
 
-def test_other_files_are_not_served(visit: Visit, live_view: LiveView) -> None:
+def test_other_files_are_not_served(visit, live_view):
     for path in (
         'live/../node.py',
         'live/plots.html',
@@ -140,16 +133,14 @@ def test_other_files_are_not_served(visit: Visit, live_view: LiveView) -> None:
         assert answer.status == 404 or 'LiveView' not in answer.text(), path
 
 
-def test_an_address_with_the_punctuation_of_a_sentence_opens_the_page(
-    visit: Visit, live_view: LiveView
-) -> None:
+def test_an_address_with_the_punctuation_of_a_sentence_opens_the_page(visit, live_view):
     for mark in ('', ';', '.', ').'):
         answer = visit.page.request.get(f'http://127.0.0.1:{live_view.port}/{mark}')
         assert answer.status == 200
         assert 'Soliton chain, live' in answer.text()
 
 
-def test_a_late_state_is_drawn_at_its_own_stamp(visit: Visit) -> None:
+def test_a_late_state_is_drawn_at_its_own_stamp(visit):
     position, late, energy = visit.page.evaluate(
         """async () => { const { Track } = await import('/live/frames.js');
         const track = new Track(['kinetic']);
@@ -166,7 +157,7 @@ def test_a_late_state_is_drawn_at_its_own_stamp(visit: Visit) -> None:
     assert energy == pytest.approx(5.91, abs=0.05)
 
 
-def test_the_columns_that_a_slow_browser_skipped_fill_the_track(visit: Visit) -> None:
+def test_the_columns_that_a_slow_browser_skipped_fill_the_track(visit):
     before, between, after = visit.page.evaluate(
         """async () => { const { Track } = await import('/live/frames.js');
         const track = new Track(['kinetic']);
@@ -186,7 +177,7 @@ def test_the_columns_that_a_slow_browser_skipped_fill_the_track(visit: Visit) ->
     assert math.isnan(after)
 
 
-def test_the_view_and_the_last_minute_are_saved(visit: Visit, stage: Stage) -> None:
+def test_the_view_and_the_last_minute_are_saved(visit, stage):
     with visit.page.expect_download() as saved:
         visit.page.get_by_label('save the view as a picture').click()
     picture = Path(saved.value.path()).read_bytes()
@@ -205,7 +196,7 @@ def test_the_view_and_the_last_minute_are_saved(visit: Visit, stage: Stage) -> N
     opened.close()
 
 
-def test_the_first_steps_go_on_with_each_success(at_rest: Visit) -> None:
+def test_the_first_steps_go_on_with_each_success(at_rest):
     visit = at_rest
     visit.js('localStorage.clear()')
     visit.load()
@@ -224,7 +215,7 @@ def test_the_first_steps_go_on_with_each_success(at_rest: Visit) -> None:
     visit.wait('document.getElementById("live-guide").hidden')
 
 
-def test_the_answer_is_visible_beside_the_last_control(visit: Visit) -> None:
+def test_the_answer_is_visible_beside_the_last_control(visit):
     visit.resize(1280, 720)
     visit.tab('Drive')
     visit.page.locator('#live-wave').scroll_into_view_if_needed()
@@ -235,9 +226,7 @@ def test_the_answer_is_visible_beside_the_last_control(visit: Visit) -> None:
     visit.resize(1400, 1000)
 
 
-def test_a_shared_kymograph_is_drawn_at_the_times_of_its_frames(
-    visit: Visit, stage: Stage
-) -> None:
+def test_a_shared_kymograph_is_drawn_at_the_times_of_its_frames(visit, stage):
     # Frames of a busy computer are not equidistant.
     chain = Chain(number_of_rotors=4)
     times = np.array([0.0, 0.1, 0.2, 0.3, 1.0, 1.1])
@@ -263,7 +252,7 @@ def test_a_shared_kymograph_is_drawn_at_the_times_of_its_frames(
     opened.close()
 
 
-def test_each_panel_explains_itself_and_links_to_the_documentation(visit: Visit) -> None:
+def test_each_panel_explains_itself_and_links_to_the_documentation(visit):
     buttons = visit.page.locator('.live-help:visible')
     assert buttons.count() == 7
     for button in buttons.all():
@@ -276,31 +265,19 @@ def test_each_panel_explains_itself_and_links_to_the_documentation(visit: Visit)
         visit.page.keyboard.press('Escape')
 
 
-def test_only_what_can_be_cancelled_or_released_is_active(at_rest: Visit, view: View) -> None:
+def test_all_plots_are_visible_at_once(at_rest):
     visit = at_rest
-    for name in ('cancel', 'release'):
-        visit.page.locator(f'#live-{name}[disabled]').wait_for()
-    visit.fill('to rotor', 7)
-    visit.click('carry')
-    visit.page.locator('#live-release:enabled').wait_for()
-    visit.has_text('move', 'reached: ')
-    visit.page.locator('#live-cancel[disabled]').wait_for()
-    visit.click('release')
-    visit.page.locator('#live-release[disabled]').wait_for()
-
-
-@pytest.mark.parametrize(('width', 'height'), [(1280, 720), (1600, 1000)])
-def test_all_plots_are_visible_at_once(visit: Visit, width: int, height: int) -> None:
-    visit.resize(width, height)
-    for name in ('chain', 'lean', 'kymograph', 'dial', 'energy', 'topology'):
-        box = visit.page.locator(f'#live-{name}').bounding_box()
-        assert box['y'] >= 0
-        assert box['y'] + box['height'] <= height, name
-    assert visit.js('document.documentElement.scrollWidth') <= width
+    for width, height in ((1280, 720), (1600, 1000)):
+        visit.resize(width, height)
+        for name in PANELS:
+            box = visit.page.locator(f'#live-{name}').bounding_box()
+            assert box['y'] >= 0
+            assert box['y'] + box['height'] <= height, name
+        assert visit.js('document.documentElement.scrollWidth') <= width
     visit.resize(1400, 1000)
 
 
-def test_the_lesson_shows_its_experiments(visit: Visit) -> None:
+def test_the_lesson_shows_its_experiments(visit):
     visit.click('lesson')
     for number in range(1, 6):
         visit.page.locator(f'#live-try-{number}').wait_for()

@@ -9,7 +9,8 @@ import urllib.request
 from pathlib import Path
 
 import pytest
-from live_stage import Rig, Stage, Visit, until
+from live_stage import Rig, Stage, Visit
+from programs import until
 
 pytest.importorskip('nicegui', reason='needs NiceGUI: pip install nicegui')
 

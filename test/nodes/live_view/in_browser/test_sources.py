@@ -2,7 +2,8 @@
 from typing import Any
 
 import pytest
-from live_stage import Rig, until
+from live_stage import Rig
+from programs import until
 
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
@@ -36,7 +37,6 @@ def test_a_source_stops_and_returns_with_another_number_of_rotors(visit, view, r
     stale = visit.page.locator('#live-stale')
     assert stale.evaluate('e => getComputedStyle(e).backgroundColor') == 'rgb(176, 0, 32)'
     assert 'paused' not in (stale.get_attribute('class') or '')
-    visit.shot('stopped')
     visit.tab('Run')
     visit.panel_has_text('only a simulator can do this')
     assert visit.page.locator('#live-pause').is_disabled()
@@ -48,7 +48,6 @@ def test_a_source_stops_and_returns_with_another_number_of_rotors(visit, view, r
     visit.choose('chain', 'all side by side')
     visit.wait('document.querySelectorAll(".live-tile").length === 2')
     visit.wait('[...live.tiles.values()].every(({ view }) => view.frame.age < 0.5)')
-    visit.shot('run_parallel')
     visit.page.locator('.live-tile[data-chain="/"]').click()
     visit.wait('live.watched === "/" && live.shown.rotors === 12')
 
@@ -99,7 +98,6 @@ def test_ten_thousand_rotors_are_shown_in_groups(visit, stage):
     rig.go(10_000)
     visit.choose('chain', 'long')
     visit.wait('live.shown.rotors === 10000 && live.shown.overview.length === 2048')
-    visit.shot('ten_thousand')
     assert visit.colours('chain') > 3
     visit.js('live.view.move(5000, 5050)')
     visit.wait('live.shown.angles.length > 40 && live.shown.angles.length < 70')
@@ -109,8 +107,7 @@ def test_ten_thousand_rotors_are_shown_in_groups(visit, stage):
 
 
 def test_invalid_reports_do_not_end_the_page(visit, view, live_view, stage):
-    topic = interfaces.DIAGNOSTICS
-    publisher = stage.user.create_publisher(topic.type, topic.name, topic.qos)
+    publisher = interfaces.DIAGNOSTICS.publisher(stage.user)
     figures = ('moves begun', 'move to rotor', 'lost messages', 'gravity [m/s^2]', 'tilt [rad]')
     pairs = [{'key': name, 'value': 'nonsense'} for name in figures]
     until(
