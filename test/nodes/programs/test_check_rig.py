@@ -2,7 +2,7 @@
 """The program check_rig watches a running simulator while a hand turns its edge rotors."""
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
@@ -21,32 +21,32 @@ ROTORS = 6
 DAMPED = {
     'chain.number_of_rotors': ROTORS,
     'chain.damping': 3e-4,
-    'publish_rate': 100.0,
+    'publish_rate': 50.0,
     'real_time_factor': 0.5,
     'initial_state': 'left_leaning',
     'sensors.noise': 0.003,
 }
 
 
-def checked(graph: Graph, capfd: pytest.CaptureFixture[str]) -> RigFindings:
-    """Check a running simulator, and turn each rotor that the program asks for."""
-    hand = graph.speak(interfaces.ROTOR_IMPULSES)
-    program = CheckRig(threading.Event(), context=graph.context)
-    text, asked = '', 0
+def checked(
+    graph: Graph,
+    seconds: float = 1.0,
+    joints: Sequence[str] = (),
+    turn: Callable[[], None] | None = None,
+) -> RigFindings:
+    """Check the running publishers; `turn` is called repeatedly and turns the requested rotors."""
+    given = [Parameter('joint_names', value=list(joints))] if joints else []
+    program = CheckRig(threading.Event(), context=graph.context, parameter_overrides=given)
 
     def ended() -> bool:
-        nonlocal text, asked
-        text += capfd.readouterr().out
-        if text.count('Turn rotor_') > asked:
-            name = text.rpartition('Turn ')[2].partition(' ')[0]
-            asked += 1
-            hand.publish(RotorImpulses(name=[name], impulse=[1e-3]))
+        if turn is not None:
+            turn()
         return answer.done()
 
     try:
         with ThreadPoolExecutor(1) as pool:
-            answer = pool.submit(program.check, 2.0, 120.0, True)
-            graph.until(ended, 'the findings', lambda: text)
+            answer = pool.submit(program.check, seconds, 120.0, turn is not None)
+            graph.until(ended, 'the findings')
         found = answer.result()
         assert found is not None
         return found
@@ -56,7 +56,17 @@ def checked(graph: Graph, capfd: pytest.CaptureFixture[str]) -> RigFindings:
 
 def test_a_right_rig_is_right_and_its_page_lists_every_finding(graph, capfd):
     graph.start(Simulator, DAMPED)
-    found = checked(graph, capfd)
+    hand, text, asked = graph.speak(interfaces.ROTOR_IMPULSES), '', 0
+
+    def turn():
+        nonlocal text, asked
+        text += capfd.readouterr().out
+        if text.count('Turn rotor_') > asked:
+            name = text.rpartition('Turn ')[2].partition(' ')[0]
+            asked += 1
+            hand.publish(RotorImpulses(name=[name], impulse=[1e-3]))
+
+    found = checked(graph, 2.0, turn=turn)
     verdicts = {each.subject: each.verdict for each in found.findings}
     assert verdicts.pop('clock') == DOUBTFUL
     verdicts.pop('passage')
@@ -80,26 +90,11 @@ def test_a_wrong_encoder_is_reported_with_exit_code_1(graph, start):
     assert 'rotor_0 was not turned by hand' in text
 
 
-def watched(graph: Graph, joints: Sequence[str] = ()) -> RigFindings:
-    """Watch the running publishers without turns."""
-    given = [Parameter('joint_names', value=list(joints))] if joints else []
-    program = CheckRig(threading.Event(), context=graph.context, parameter_overrides=given)
-    try:
-        with ThreadPoolExecutor(1) as pool:
-            answer = pool.submit(program.check, 1.0, 120.0, False)
-            graph.until(answer.done, 'the findings')
-        found = answer.result()
-        assert found is not None
-        return found
-    finally:
-        program.destroy_node()
-
-
 def test_two_publishers_of_the_same_joints_are_named(graph):
     graph.start(Simulator, DAMPED)
     renamed = ['--ros-args', '-r', '__node:=rig']
     graph.start(Simulator, {**DAMPED, 'initial_state': 'right_leaning'}, cli_args=renamed)
-    found = watched(graph)
+    found = checked(graph)
     texts = [each.text for each in found.findings if each.subject == 'nodes']
     assert texts
     assert '/rig' in texts[0]
@@ -123,22 +118,18 @@ def test_two_publishers_of_different_joints_are_right(graph):
     sender = threading.Thread(target=publish)
     sender.start()
     try:
-        found = watched(graph, [name for half in halves for name in half])
+        found = checked(graph, joints=[name for half in halves for name in half])
     finally:
         stop.set()
         sender.join()
     assert 'nodes' not in {each.subject for each in found.findings}
 
 
-def test_no_joint_states_are_an_error_of_one_line(start):
-    program = start('check_rig', '--limit', '0.5')
-    assert program.wait() == 1
-    assert program.said[-1].startswith('check_rig: no joint_states within 0.5 s; start ')
-
-
-def test_joint_states_that_stop_are_an_error(graph):
+def test_joint_states_that_are_missing_or_stop_are_an_error(graph):
     program = CheckRig(threading.Event(), context=graph.context)
     try:
+        with pytest.raises(ValueError, match=r'no joint_states within 0\.5 s; start '):
+            program.check(0.5, 0.5, False)
         program.receive(JointState(name=['rotor_0'], position=[0.1]))
         with pytest.raises(ValueError, match='joint_states stopped'):
             program.check(0.5, 120.0, False)

@@ -23,12 +23,16 @@ contraction:
 """
 
 
-def test_a_recorded_wall_has_the_width_of_theory(tmp_path, capsys):
+def test_a_recorded_wall_has_the_width_of_theory(tmp_path, capsys, monkeypatch):
+    passages = []
+    monkeypatch.setattr(
+        contraction, 'measure', lambda bag: passages.append(measure(bag)) or passages[-1]
+    )
     settings = tmp_path / 'settings.yaml'
     settings.write_text(SETTINGS)
     main([str(settings), '--output', str(tmp_path)])
     assert 'contraction_recorded.md and contraction_recorded.png are in' in capsys.readouterr().out
-    passage = measure(tmp_path / 'wide_0_0')
+    (passage,) = passages
     contracted = (1 - passage.speed**2) ** 0.5
     assert passage.width == pytest.approx(contracted, abs=0.005 + 4 * passage.width_deviation)
     table = (tmp_path / 'contraction_recorded.md').read_text(encoding='utf-8')

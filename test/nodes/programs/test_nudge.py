@@ -57,7 +57,9 @@ def test_an_actuator_without_a_simulator_names_it(graph):
     )
 
 
-def test_a_subscriber_that_is_no_actuator_does_not_do(graph):
+def test_without_an_actuator_it_fails(graph):
+    missing = 'no node subscribes to /nudge after 0.5 s; start edge_actuator first'
+    assert nudged(graph, 10.0, timeout=0.5) == missing
     heard = graph.hear(interfaces.NUDGE)
     graph.hear(interfaces.LAST_KICK)
     said = nudged(graph, 10.0, timeout=1.0)
@@ -78,23 +80,6 @@ def test_as_a_person_runs_it_in_a_namespace(graph, start):
     assert program.process.returncode == 0
     (line,) = program.said
     assert line.startswith('nudge: a kick of 10 rad/s at the first edge; an impulse of ')
-
-
-@pytest.mark.parametrize(
-    ('arguments', 'code', 'line'),
-    [
-        (
-            ['10', '--timeout', '0.5'],
-            1,
-            'nudge: no node subscribes to /nudge after 0.5 s; start edge_actuator first',
-        ),
-        (['hard'], 2, "nudge: argument speed: 'hard' must be a finite number; see nudge --help"),
-    ],
-)
-def test_it_fails_in_one_line(start, arguments, code, line):
-    program = start('nudge', *arguments)
-    assert program.wait() == code
-    assert program.said == [line]
 
 
 def test_it_stops_waiting_on_a_signal(graph, start):

@@ -4,7 +4,6 @@
 import json
 import re
 import sys
-from collections.abc import Callable
 from types import ModuleType
 
 import pytest
@@ -17,8 +16,6 @@ from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
 from soliton_linkage_nodes.programs import check_bag, recover_bag
 from soliton_linkage_nodes.runtime.interfaces import NUDGE
 from soliton_linkage_nodes.runtime.stamps import SECOND
-
-Ran = Callable[..., tuple[int, list[str]]]
 
 
 @pytest.fixture
@@ -90,6 +87,7 @@ def test_a_report_as_json_has_the_same_numbers(ran, named, tmp_path):
     ('name', 'line'),
     [
         ('run.bag', 'is a bag of ROS 1; convert it with: rosbags-convert --src'),
+        ('nowhere', "nowhere' does not exist; give the path of a bag directory"),
         ('empty', 'has no .mcap or .db3 file, the directory is empty; give a bag directory'),
     ],
 )
@@ -140,13 +138,3 @@ def test_a_cut_bag_is_recovered_beside_it(ran, named, tmp_path, storage):
     (line,) = (line for line in said if line.startswith('Lost:'))
     assert line[19:].startswith(told)
     assert line.endswith('; unknown when recorded')
-
-
-@pytest.mark.parametrize('program', ['recover_bag', 'check_bag'])
-def test_a_path_without_a_bag_is_reported_in_one_line(start, tmp_path, program):
-    started = start(program, str(tmp_path / 'nowhere'))
-    assert started.wait() == 1
-    (line,) = started.said
-    assert line == (
-        f"{program}: bag '{tmp_path}/nowhere' does not exist; give the path of a bag directory"
-    )

@@ -4,8 +4,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -32,7 +30,7 @@ RATE = 100.0
 
 
 @pytest.fixture
-def terminal(tmp_path: Path) -> Iterator[PseudoTerminal]:
+def terminal(tmp_path):
     opened = PseudoTerminal(tmp_path / 'tty')
     yield opened
     opened.close()
@@ -63,7 +61,7 @@ class Computer:
         return [self._reader.read(frame) for frame in readings]
 
 
-def test_the_chain_moves_by_the_torques_of_its_valves(terminal: PseudoTerminal) -> None:
+def test_the_chain_moves_by_the_torques_of_its_valves(terminal):
     named = NamedChain(CHAIN, default_joint_names(ROTORS))
     played = RealTimeChain(named, SimulatedController(ROTORS), terminal, RATE)
     computer = Computer(terminal)
@@ -79,7 +77,7 @@ def test_the_chain_moves_by_the_torques_of_its_valves(terminal: PseudoTerminal) 
     assert computer.times == [10_000 * frame for frame in range(15)]
 
 
-def test_its_encoders_have_the_offsets_of_the_chain() -> None:
+def test_its_encoders_have_the_offsets_of_the_chain():
     offsets = tuple(0.1 * (1 + np.arange(ROTORS)))
     encoders = RotaryEncoders((2.0**16,), offsets=offsets)
     said = SimulatedController(ROTORS, encoders).measure(0.0, np.zeros(ROTORS))

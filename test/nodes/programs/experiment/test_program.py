@@ -7,7 +7,6 @@ from typing import Any
 
 from soliton_linkage_nodes.programs.experiment.program import claimed, conclusion, other_scenarios
 
-CONFIG = Path(__file__).resolve().parents[4] / 'config'
 SUMMARY: dict[str, Any] = {
     'motion': 'flipper',
     'rotors': 40,
@@ -41,23 +40,11 @@ def test_the_end_is_described():
         assert said in conclusion({**SUMMARY, **changed}, Path('out'), Path('out/flipper_0'))
 
 
-def test_omitted_steps_are_suggested():
-    others = [path.stem for path in other_scenarios(CONFIG / 'wobbler.yaml')]
-    assert others == [
-        'active',
-        'filmed',
-        'filmed_spinner',
-        'filmed_wobbler',
-        'flipper',
-        'spinner',
-        'wave',
-    ]
-
-
-def test_files_that_are_no_scenario_are_not_suggested(tmp_path):
+def test_only_other_files_with_a_scenario_are_suggested(tmp_path):
     (tmp_path / 'a.yaml').write_text('[')
     (tmp_path / 'b.yaml').write_text('experiment: {ros__parameters: {scenario: c}}')
     (tmp_path / 'c.yaml').write_text('/**/experiment: {ros__parameters: {scenario: c}}')
+    (tmp_path / 'mine.yaml').write_text('/**/experiment: {ros__parameters: {scenario: mine}}')
     (tmp_path / 'd.yaml').mkdir()
     assert other_scenarios(tmp_path / 'mine.yaml') == [tmp_path / 'c.yaml']
 

@@ -3,6 +3,7 @@
 
 import json
 import math
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from soliton_linkage.linear.rigidity import Edge, edge_mode
 from soliton_linkage.linkage.chain import Motion
 from soliton_linkage.solitons.track import find_crossings, follow
 from soliton_linkage_nodes.programs.experiment.report import (
+    RecordedRun,
     draw,
     largest_difference,
     read_run,
@@ -29,9 +31,14 @@ MOTIONS = {
 NUDGES = {'flipper': 10.0, 'wobbler': 4.0, 'spinner': 12.5}
 
 
+@cache
+def run_of(name: str) -> RecordedRun:
+    return read_run(BAGS / f'{name}_0')
+
+
 @pytest.mark.parametrize('name', MOTIONS)
 def test_the_recorded_motion_is_the_simulated_one(name):
-    run = read_run(BAGS / f'{name}_0')
+    run = run_of(name)
     chain = run.named.chain
     assert chain.motion is MOTIONS[name]
     rest = chain.uniform_state(-1)
@@ -49,7 +56,7 @@ def test_the_recorded_motion_is_the_simulated_one(name):
 
 @pytest.mark.parametrize('name', MOTIONS)
 def test_the_track_is_that_of_the_simulated_wall(name):
-    run = read_run(BAGS / f'{name}_0')
+    run = run_of(name)
     fitted = follow(run.named.chain, run.recording)
     both = np.isfinite(run.track.sites) & np.isfinite(fitted.sites)
     assert both.mean() > 0.5
@@ -60,7 +67,7 @@ def test_the_track_is_that_of_the_simulated_wall(name):
 
 
 def test_the_summary_is_valid_json_and_true_to_the_bag():
-    run = read_run(BAGS / 'flipper_0')
+    run = run_of('flipper')
     summary = json.loads(json.dumps(summarise(run), allow_nan=False))
     assert summary['motion'] == 'flipper'
     assert summary['rotors'] == 20
@@ -71,7 +78,7 @@ def test_the_summary_is_valid_json_and_true_to_the_bag():
 
 
 def test_the_pictures_are_drawn(tmp_path):
-    draw(read_run(BAGS / 'spinner_0'), tmp_path)
+    draw(run_of('spinner'), tmp_path)
     for picture in ('kymograph.png', 'track.png'):
         assert np.std(imread(tmp_path / picture)[..., :3]) > 0.05
 
