@@ -61,7 +61,6 @@ def start(graph, tmp_path):
 
 @pytest.fixture
 def named():
-    """A chain of a few rotors."""
     return NamedChain(Chain(number_of_rotors=8), default_joint_names(8))
 
 

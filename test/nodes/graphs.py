@@ -143,7 +143,6 @@ class Graph:
         return heard[-1]
 
     def close(self) -> None:
-        """Destroy the remaining nodes."""
         for node in reversed(self._nodes):
             node.destroy_node()
         self._executor.shutdown()
@@ -154,5 +153,4 @@ class Graph:
 
 
 def values(status: Any) -> dict[str, str]:
-    """Return the values of a diagnostic status."""
     return {pair.key: pair.value for pair in status.values}

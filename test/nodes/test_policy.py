@@ -47,7 +47,6 @@ def enclaves() -> Iterator[tuple[str, ElementTree.Element]]:
 
 
 def allowed(enclave: ElementTree.Element) -> Rights:
-    """Return the permissions of an enclave: access and full name."""
     rights = set()
     for profile in enclave.findall('profiles/profile'):
         for group in profile:

@@ -41,7 +41,7 @@ def test_a_simulator_that_comes_back_is_followed_and_driven(graph):
     graph.start(SolitonAnalyser)
     graph.start(EdgeActuator, {'state_timeout': 60.0})
     for _ in range(2):
-        simulator = graph.start(Simulator, {'chain.number_of_rotors': 8})
+        simulator = graph.start(Simulator, {'chain.number_of_rotors': 8, 'publish_rate': 100.0})
         nudge = graph.speak(interfaces.NUDGE)
         heard.clear()
         graph.until(lambda: len(heard) > 10, 'states')

@@ -62,7 +62,6 @@ class Pendulum(LifecycleNode):
         return MoveSoliton.Result(rotor=handle.request.rotor)
 
     def destroy_node(self) -> None:
-        """Destroy the action and the node."""
         self._swing.destroy()
         super().destroy_node()
 
@@ -127,28 +126,21 @@ def test_parameters_are_listed_got_set_and_dumped(said):
     assert said(param, 'set', 'pendulum', 'length', '5e-1').endswith(' length = 0.5\n')
 
 
-@pytest.mark.parametrize(
-    ('name', 'value', 'reason'),
-    [
+def test_a_rejected_parameter_is_reported_with_value_limit_and_remedy(said):
+    for name, value, reason in [
         ('length', 'long', "parameter length = 'long' must be a number such as 1.0"),
         ('length', '{a: 1}', "parameter length = '{a: 1}' must be a number such as 1.0"),
         ('length', 'true', 'parameter length = True must be a number such as 1.0'),
         ('length', '3', 'parameter length = 3.0 must lie in the range 0.1 to 2'),
-        ('length', '3.0', 'parameter length = 3.0 must lie in the range 0.1 to 2'),
         ('masses', '[1, a]', "'[1, a]' must be a list of whole numbers such as [1, 2]"),
         ('masses', '9' * 20, f"'{'9' * 20}' must be a list of whole numbers such as [1, 2]"),
-    ],
-)
-def test_a_rejected_parameter_is_reported_with_value_limit_and_remedy(said, name, value, reason):
-    with pytest.raises(RuntimeError) as rejected:
-        said(param, 'set', 'pendulum', name, value)
-    shown = str(rejected.value)
-    assert shown.startswith(f'pendulum rejected {name} = {value}: ')
-    assert reason in shown
-    assert shown.endswith('; set another value')
-
-
-def test_a_missing_parameter_is_reported(said):
+    ]:
+        with pytest.raises(RuntimeError) as rejected:
+            said(param, 'set', 'pendulum', name, value)
+        shown = str(rejected.value)
+        assert shown.startswith(f'pendulum rejected {name} = {value}: ')
+        assert reason in shown
+        assert shown.endswith('; set another value')
     with pytest.raises(RuntimeError, match='pendulum has no parameter mass, or it is not set'):
         said(param, 'get', 'pendulum', 'mass')
 

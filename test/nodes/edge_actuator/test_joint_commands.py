@@ -167,7 +167,6 @@ GOOD_POINT = (0.1, [1e-3])
 WRONG: list[tuple[interfaces.Topic, Any, str]] = [
     (JOINTS, efforts(rotor_1=1e-3, rotor_8=1e-3), "'rotor_8', which has no actuator"),
     (JOINTS, efforts(rotor_1=1e-3, rotor_2=math.nan), 'rotor_2 = nan N m must be a finite'),
-    (JOINTS, efforts(rotor_1=1e-3, rotor_2=-math.inf), 'rotor_2 = -inf N m must be a finite'),
     (JOINTS, efforts(rotor_1=1e-3, rotor_2=-0.11), 'rotor_2 = -0.11 N m must lie in the'),
     (JOINTS, JointState(name=['rotor_1'] * 2, effort=[1e-3] * 2), "'rotor_1' twice"),
     (JOINTS, JointState(name=['rotor_1'], effort=[]), 'has 0 efforts for 1 joints'),
@@ -179,7 +178,6 @@ WRONG: list[tuple[interfaces.Topic, Any, str]] = [
         's old, the limit is 0.05 s',
     ),
     (EFFORTS, Float64MultiArray(data=[1e-3] * 7), 'has 7 efforts for 8 joints'),
-    (EFFORTS, Float64MultiArray(), 'has 0 efforts for 8 joints'),
     (EFFORTS, Float64MultiArray(data=[1e-3] * 7 + [math.nan]), 'rotor_7 = nan N m must'),
     (EFFORTS, Float64MultiArray(data=[1e-3] * 7 + [0.2]), 'rotor_7 = 0.2 N m must lie in'),
     (TRAJECTORY, trajectory([], (0.1, [])), 'has points but no joints'),
@@ -204,7 +202,6 @@ WRONG: list[tuple[interfaces.Topic, Any, str]] = [
     ),
     (TRAJECTORY, trajectory(['rotor_1'], GOOD_POINT, GOOD_POINT), 'or more and increase'),
     (TRAJECTORY, trajectory(['rotor_1'], GOOD_POINT, (0.2, [9.0])), 'rotor_1 = 9 N m must'),
-    (TRAJECTORY, trajectory(['rotor_1'], GOOD_POINT, (0.2, [math.nan])), 'rotor_1 = nan N m'),
     (
         TRAJECTORY,
         JointTrajectory(

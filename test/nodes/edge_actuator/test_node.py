@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 from bench import Bench
+from divided_frames import halves
 from graphs import values
 from numpy.typing import ArrayLike
-from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Header
 
 from soliton_linkage.actuation.actuators import ACTUATORS, PneumaticActuator
@@ -414,19 +414,12 @@ def test_the_actuator_that_is_chosen_gives_the_torques(graph, named):
 def test_frames_in_halves_are_whole_for_a_kick(bench, named):
     rest = named.chain.uniform_state(LEFT)
     for number in (1, 2):
-        message = frame_to_msg(named, Frame(rest, None), 0 * rest, time_to_msg(number * 10**7))
-        first, second = some_joints(message, slice(0, 4)), some_joints(message, slice(4, 8))
+        stamp = time_to_msg(number * 10**7)
+        first, second = halves(frame_to_msg(named, Frame(rest, 0 * rest), 0 * rest, stamp))
         bench.publish_joints(first)
         bench.raw_joints(second)
     bench.nudge(1.0)
     expected = edge_mode(named.chain, rest, Edge.NEAREST)
     np.testing.assert_array_equal(
         bench.next_impulses(), named.chain.moment_of_inertia * 1.0 * expected
-    )
-
-
-def some_joints(message: JointState, kept: slice) -> JointState:
-    """Return some joints of a message."""
-    return JointState(
-        header=message.header, name=message.name[kept], position=message.position[kept]
     )

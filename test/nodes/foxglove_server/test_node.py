@@ -64,8 +64,6 @@ def client(served, connect):
 
 
 def until(graph: Graph, client: FoxgloveClient, condition: Callable[[], Any], what: str) -> None:
-    """Spin and receive until a condition is true."""
-
     def received() -> Any:
         client.read()
         return condition()

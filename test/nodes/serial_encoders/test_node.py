@@ -48,7 +48,6 @@ class Controller:
         return self.terminal
 
     def start(self) -> None:
-        """Start, or restart as after a reset."""
         self.line.write(self.simulated.start(time.monotonic()))
 
     def send(self, received: list[Any], number: int) -> None:
@@ -59,7 +58,6 @@ class Controller:
             self._graph.until(lambda count=before: len(received) > count, 'a message')
 
     def torques(self) -> list[float]:
-        """Return the present torques of the valves."""
         self.simulated.receive(0.0, self.line.read())
         return [float(torque) for torque in self.simulated.torques(0.0)]
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from graphs import Graph, values
-from rcl_interfaces.srv import GetParameters, SetParameters
+from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
@@ -283,28 +283,6 @@ def test_the_real_time_factor_sets_the_rate_of_the_loop_and_is_reported(graph):
     graph.until(lambda: control.status.frames > stopped + 60, '60 frames')
     stamps = [clock.clock.sec * 10**9 + clock.clock.nanosec for clock in clocks]
     assert stamps == sorted(set(stamps))
-
-
-def test_fixed_parameters_are_read_only(graph):
-    paused = Paused(graph)
-    names = ('chain.damping', 'mechanics', 'sensors.seed', 'chain.disorder.mass', 'publish_rate')
-    before = {name: paused.node.get_parameter(name).value for name in names}
-    changed = [
-        Parameter(name, value='rigid' if name == 'mechanics' else type(value)(1))
-        for name, value in before.items()
-    ]
-    response = graph.call(
-        SetParameters,
-        'simulator/set_parameters',
-        parameters=[parameter.to_parameter_msg() for parameter in changed],
-    )
-    for result in response.results:
-        assert not result.successful
-        assert 'read-only' in result.reason
-    kept = graph.call(GetParameters, 'simulator/get_parameters', names=names).values
-    assert kept == [
-        Parameter(name, value=value).get_parameter_value() for name, value in before.items()
-    ]
 
 
 def test_only_the_valid_commands_of_a_flood_are_executed(graph):

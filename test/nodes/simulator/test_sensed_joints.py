@@ -9,7 +9,7 @@ from sensor_msgs.msg import JointState
 
 from soliton_linkage.dynamics.elastic import ElasticSimulation
 from soliton_linkage.dynamics.simulation import Simulation
-from soliton_linkage.linkage.encoders import EncoderErrors, Encoders
+from soliton_linkage.linkage.encoders import EncoderErrors
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.simulator.frame_publisher import SensedJoints
 
@@ -39,20 +39,6 @@ def test_without_errors_the_readings_are_exact(named):
             simulation.advance()
 
 
-def test_with_errors_the_readings_equal_the_encoder_model(named):
-    for missing in [(), (0, 5)]:
-        joints, simulation = SensedJoints(named, PERIOD, NOISY, missing), moving(named)
-        encoders = Encoders(8, PERIOD, NOISY)
-        shown = [rotor for rotor in range(8) if rotor not in missing]
-        for frame in range(3):
-            message = read(joints, frame, simulation)
-            readings, rates = encoders.read(frame, simulation.angles)
-            assert list(message.position) == readings[shown].tolist()
-            assert list(message.velocity) == rates[shown].tolist()
-            assert list(message.effort) == simulation.link_torques[shown].tolist()
-            simulation.advance()
-
-
 def test_known_offsets_are_read_besides_errors(named):
     known = np.linspace(-0.1, 0.1, 8)
     biased = replace(named, encoder_offsets=tuple(known))
@@ -70,14 +56,3 @@ def test_another_simulation_has_no_frame_before(named):
     assert not any(read(joints, 1, simulation).velocity)
     simulation.advance()
     assert all(read(joints, 2, simulation).velocity)
-
-
-def test_errors_change_with_the_next_frame(named):
-    joints, simulation = SensedJoints(named, PERIOD, EncoderErrors(), ()), moving(named)
-    exact = simulation.angles.tolist()
-    assert list(read(joints, 0, simulation).position) == exact
-    joints.change(NOISY)
-    expected, _ = Encoders(8, PERIOD, NOISY).read(1, simulation.angles)
-    assert list(read(joints, 1, simulation).position) == expected.tolist()
-    joints.change(EncoderErrors())
-    assert list(read(joints, 2, simulation).position) == exact

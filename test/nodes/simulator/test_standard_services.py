@@ -70,8 +70,6 @@ class Services:
 
 
 class Client:
-    """Calls the standard's services."""
-
     def __init__(self) -> None:
         self.services = Services()
         self.standard = StandardServices(self.services, MESSAGES, TYPES)

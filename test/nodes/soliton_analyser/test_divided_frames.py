@@ -67,9 +67,7 @@ def bag_of(folder: Path, named: NamedChain, messages: Sequence[JointState]) -> P
 
 def start_analyser(graph: Graph, named: NamedChain, **parameters: object) -> list[SolitonState]:
     states = graph.hear(interfaces.SOLITON_STATE)
-    topic = interfaces.CHAIN
-    chain = graph.user.create_publisher(topic.type, topic.name, topic.qos)
-    chain.publish(chain_to_msg(named, time_to_msg(START)))
+    interfaces.CHAIN.publisher(graph.user).publish(chain_to_msg(named, time_to_msg(START)))
     graph.start(SolitonAnalyser, {'longest_lag': 0.0, **parameters})
     return states
 
