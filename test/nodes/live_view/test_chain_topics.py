@@ -201,7 +201,7 @@ def test_late_frames_are_a_share_of_the_last_seconds(graph):
 def test_two_sources_of_one_topic_are_reported_while_both_publish(
     graph: Graph, named: NamedChain
 ) -> None:
-    topics = finder(graph).chains['/']
+    topics = ChainFinder(Node('inbox', context=graph.context), '/').chains['/']
     first, second = (graph.speak(interfaces.JOINT_STATES) for _ in range(2))
     stamps = count(1)
 
