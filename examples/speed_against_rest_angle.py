@@ -26,7 +26,7 @@ def crossing_speed(chain: sl.Chain, kick: float) -> float:
 
 
 def main(rest_angles: tuple[float, ...] = REST_ANGLES) -> dict[float, tuple[float, float]]:
-    """Print a table; return the measured speed and that of a slow wall [m/s] by rest angle."""
+    """Print and return, for each rest angle, the measured and the slow-wall speed [m/s]."""
     speeds = {}
     print('rest angle [rad]   speed [m/s]   a |phi_dot| / Lambda [m/s]')
     for rest_angle in rest_angles:
