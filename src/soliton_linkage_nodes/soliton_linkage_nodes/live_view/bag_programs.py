@@ -35,6 +35,8 @@ _MOST_STEPS = 20
 """After a seek, a paused replay plays at most this number of messages to show a frame [1]."""
 _STEP_INTERVAL = 0.02
 """Pause after each message that is played after a seek, so that the page can receive it [s]."""
+_LONGEST_SEEK = 5.0
+"""After a seek, a paused replay waits at most this long for a frame and its state [s]."""
 _RESULTS = {
     'pause': 'paused',
     'resume': 'resumed',
@@ -267,17 +269,21 @@ class BagReplay(_BagProgram):
     async def _show_frame(self, commands: ChainCommands) -> None:
         """Play messages of a paused replay until a frame and its soliton_state have arrived."""
         chain = self._finder.chains.get(self.namespace)
-        if chain is None:
+        if chain is None or self.bag is None:
             return
         before, state, first = chain.newest_frame, chain.newest_state, 0
-        for _ in range(_MOST_STEPS):
+        analysed = any(topic.endswith('soliton_state') for topic in self.bag.played)
+        steps, deadline = 0, time.monotonic() + _LONGEST_SEEK
+        while time.monotonic() < deadline:
             # The player rejects a step while it reads the bag at the new time.
-            with contextlib.suppress(ValueError):
-                await self._request(commands, REPLAY, 'play_next')
+            if steps < _MOST_STEPS:
+                with contextlib.suppress(ValueError):
+                    await self._request(commands, REPLAY, 'play_next')
+                    steps += 1
             await asyncio.sleep(_STEP_INTERVAL)
             if chain.newest_frame != before:
                 first = first or chain.newest_frame
-                if chain.newest_state != state and chain.newest_state >= first:
+                if not analysed or (chain.newest_state != state and chain.newest_state >= first):
                     return
 
     async def set_rate(self, commands: ChainCommands, rate: float) -> str:
