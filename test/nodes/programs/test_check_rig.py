@@ -21,7 +21,7 @@ ROTORS = 6
 DAMPED = {
     'chain.number_of_rotors': ROTORS,
     'chain.damping': 3e-4,
-    'publish_rate': 50.0,
+    'publish_rate': 100.0,
     'real_time_factor': 0.5,
     'initial_state': 'left_leaning',
     'sensors.noise': 0.003,
@@ -64,7 +64,7 @@ def test_a_right_rig_is_right_and_its_page_lists_every_finding(graph, capfd):
         if text.count('Turn rotor_') > asked:
             name = text.rpartition('Turn ')[2].partition(' ')[0]
             asked += 1
-            hand.publish(RotorImpulses(name=[name], impulse=[1e-3]))
+            hand.publish(RotorImpulses(name=[name], impulse=[3e-3]))
 
     found = checked(graph, 2.0, turn=turn)
     verdicts = {each.subject: each.verdict for each in found.findings}

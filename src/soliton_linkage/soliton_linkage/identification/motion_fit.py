@@ -158,7 +158,8 @@ class MotionFitter:
         deviations = relative_deviations * np.sqrt(self._repeats)
         exact = StampErrors(0.0, np.zeros_like(times))
         self._record = Record(times, readings, deviations, exact)
-        self._every = max(1, len(times) // _MATRIX_FRAMES)
+        fitted = sum(window.frames.stop - window.frames.start for window in windows)
+        self._every = max(1, fitted // _MATRIX_FRAMES)
         self._found: list[Array] = []
         self._interval = float(np.median(np.diff(times)))
         self._noise, self._tolerance = noise, tolerance

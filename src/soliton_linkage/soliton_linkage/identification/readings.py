@@ -264,7 +264,8 @@ _TURNING = 0.05
 """A rotor counts as turning if its mean direction over `_AVERAGED` frames differs from the mean
 over the previous `_AVERAGED` frames by more than this [1]."""
 _AT_REST = 0.1
-"""Selected frames per second while all rotors rest, relative to while a rotor turns [1]."""
+"""Largest ratio of the frames that are selected while all rotors rest to those that are selected
+while a rotor turns [1], both per second and in all."""
 _FILLINGS = 5
 """Number of iterations in the computation of the density of selected frames [1]. Each iteration
 limits it to the density of all frames, and distributes the excess over other times."""
@@ -277,7 +278,9 @@ def informative_frames(
     if len(times) <= most:
         return np.arange(len(times))
     kept = _near_impulses(times, impulses, int(_NEAR_IMPULSES * most))
-    density = np.where(_turning(angles), 1.0, _AT_REST) * np.gradient(times)
+    turning, density = _turning(angles), np.gradient(times)
+    moving, resting = density[turning].sum(), density[~turning].sum()
+    density[~turning] *= _AT_REST * min(moving / resting, 1.0) if moving and resting else 1.0
     density[kept] = 0.0
     others = most - int(kept.sum())
     for _ in range(_FILLINGS):
