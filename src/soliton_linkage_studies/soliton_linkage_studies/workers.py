@@ -46,7 +46,7 @@ class Rows(Protocol):
 
 @runtime_checkable
 class RowsTogether(Rows, Protocol):
-    """A table of which several rows can be measured together."""
+    """A table in which several rows can be measured together."""
 
     @property
     def together(self) -> int:

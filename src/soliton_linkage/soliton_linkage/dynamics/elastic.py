@@ -145,6 +145,6 @@ def simulate(
 ) -> Recording:
     """Record the free motion of a chain of springs for `duration` [s], a frame every `period` [s].
 
-    `tolerance` [rad] and the errors are those of `Simulation`. Raises ArithmeticError on failure.
+    `tolerance` [rad] and the errors are as in `Simulation`. Raises ArithmeticError on failure.
     """
     return ElasticSimulation(chain, angles, rates, period, tolerance).record(duration)

@@ -181,7 +181,7 @@ class Analyser:
     ) -> Analysis | None:
         """Analyse a frame that was measured at a time `stamp` [ns]; return None if it is late.
 
-        A frame is late if its stamp is not after that of the last analysed frame. But if its
+        A frame is late if its stamp is not after the stamp of the last analysed frame. But if its
         stamp is earlier by more than `clock_limit` [s], the analyser restarts with this frame.
         `angles` [rad], wrapped or unwrapped, and `rates` [rad/s] have shape (N,); unknown values
         are NaN or infinite. `deviations` are the standard deviations of the angles [rad], shape

@@ -143,7 +143,7 @@ class FarFieldResiduals:
         """Start without frames.
 
         A block is ignored if the mean square of its residuals is above `strong` [rad^2] and the
-        residuals differ from those of the preceding block, because waves have these effects.
+        residuals differ from the preceding block, because waves have these effects.
         """
         self._offsets, self._settings = offsets, offsets.settings
         self._margin = 1 + _DEPTHS_BESIDE * penetration_depth(chain) / chain.spacing
@@ -200,7 +200,7 @@ class FarFieldResiduals:
     def learn(self, sign: int, variance: float) -> None:
         """Update the offsets with the mean residuals of the block, and start a new block.
 
-        `sign` is -1 if the chain is upside down, else 1; `variance` is that of the noise [rad^2].
+        `sign` is -1 if the chain is upside down, else 1; `variance` is the noise variance [rad^2].
         """
         offsets, given = self._offsets, self._settings
         sides = self._sides()

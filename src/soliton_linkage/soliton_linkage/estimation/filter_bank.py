@@ -50,7 +50,7 @@ rate_noise, edge_rate_noise: square of the relative change of the rate per rotor
 weight: weight of the filter in the mixture of all filters [1].
 prior, probability: prior and current probability of a filter among those that are neither steady
     nor assume an impulse [1].
-likelihood: log likelihood of recent measurements, minus that of the likeliest filter [1].
+likelihood: log likelihood of recent measurements, relative to the likeliest filter [1].
 odds: log likelihood of the measurements since the assumed impulse, minus their log likelihood in
     the filters without an impulse [1].
 """

@@ -203,7 +203,7 @@ class OnOrbit(NamedTuple):
 def on_orbit(orbit: Orbit, estimate: OrbitEstimate, residuals: Array) -> OnOrbit:
     """Return the angles and rates at the estimated point of the orbit.
 
-    `residuals` [rad], shape (N,), are the measured angles minus those of the orbit. If the chain
+    `residuals` [rad], shape (N,), are the differences of the angles from the orbit. If the chain
     is upside down, the angles are mirrored, and the rates and residuals change their signs.
     """
     angles = orbit.configuration(estimate.arc)
@@ -236,7 +236,7 @@ class Unwrapper:
 def complete(
     chain: Chain, angles: Array, rates: Array | None, expected: OnOrbit | None, last: Array
 ) -> CompletedFrame:
-    """Replace missing angles [rad] and rates [rad/s], shape (N,), by those of the orbit.
+    """Replace missing angles [rad] and rates [rad/s], shape (N,), by values of the orbit.
 
     An angle also counts as missing if it differs from the orbit by more than half a swing, and the
     angles of both neighbours do not. The angles of the orbit are shifted by whole turns towards

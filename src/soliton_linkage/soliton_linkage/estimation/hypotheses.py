@@ -31,7 +31,7 @@ class Hypothesis:
     upside_down: bool
     view: LinearisedMeasurement
     evidence: float
-    """Log likelihood of all frames, minus that of the likeliest hypothesis [1]."""
+    """Log likelihood of all frames, relative to the likeliest hypothesis [1]."""
 
 
 class MixtureMoments(NamedTuple):
@@ -100,7 +100,7 @@ class Hypotheses:
             self.all.append(Hypothesis(motion, leader.upside_down, view, evidence))
 
     def leg_is_known(self) -> bool:
-        """Return whether the frames exclude all legs of the orbit except that of the leader."""
+        """Return whether the frames exclude all legs of the orbit except the leg of the leader."""
         if len(self.all) == 1:
             return True
         legs = np.array([self._orbit.leg(each.motion.arc) for each in self.all])

@@ -141,7 +141,7 @@ class FrameLikelihood:
         `differences` between the angles and the orbit [rad], shape (N,), are overwritten by the
         residuals at the likeliest arc length. `tangent` is the derivative of the angles of the
         rotors near the wall, from rotor `first` on. `variance` is the variance of a difference,
-        and `spread` that of the predicted arc length [rad^2].
+        and `spread` the variance of the predicted arc length [rad^2].
         """
         rows, floor = np.empty((2, len(differences))), self.floor(variance)
         self._density[0] = variance, spread, self._settings.bound, floor, self.gross
@@ -179,7 +179,7 @@ class FrameLikelihood:
         )
 
     def over_random(self, residuals: Array, variance: float) -> float:
-        """Return the log likelihood of residuals [rad], shape (n,), minus that of random angles.
+        """Return the log likelihood of residuals [rad], shape (n,), relative to random angles.
 
         For random angles, the result exceeds x with at most the probability exp(-x) (Markov).
         """

@@ -55,7 +55,7 @@ _BEND, _NEGLECTED = 0.1, 0.01
 """`_BEND` is the prior standard deviation of the product of the rest angle and the coefficient of
 e^2 [1]. `_NEGLECTED` is the standard deviation of lambda due to extended springs [1]."""
 _SPREAD = 1.2
-"""Variance of e' - F(e) due to the noise of the two angles, divided by that of the noise [1]."""
+"""Variance of e' - F(e) due to the noise of the two angles, divided by the noise variance [1]."""
 _LEAST_LEVER = 1e-9
 """A lever of 0 (spring and outer rotor in line) is replaced by this [1], to avoid a division by
 0."""

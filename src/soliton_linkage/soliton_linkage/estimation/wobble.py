@@ -251,7 +251,7 @@ class Wobble(NamedTuple):
         with its uniform angle (d <= 1), on the side with the larger overshoot.
     amplitude_deviation: standard deviation of the amplitude [m].
     rest_amplitude: overshoot of the same rotor for a wall at rest [m].
-    tail_ratio: deviation of a rotor in the tails, divided by that of its inner neighbour [1].
+    tail_ratio: ratio of the deviations of a rotor in the tails and of its inner neighbour [1].
     tail_ratio_deviation: standard deviation of the tail ratio [1].
     decay_length: distance over which the tails decrease by a factor e [m].
     decay_length_deviation: standard deviation of the decay length [m].

@@ -83,7 +83,7 @@ def zero_modes(chain: Chain, angles: Array, tolerance: float = 1e-10) -> Array:
 def states_of_self_stress(chain: Chain, angles: Array, tolerance: float = 1e-10) -> Array:
     """Return orthonormal spring tensions s [1] with R^T s = 0 as columns, shape (springs, N_ss).
 
-    N_ss is the number of states of self-stress, and `tolerance` is that of `zero_modes`.
+    N_ss is the number of states of self-stress, and `tolerance` is as in `zero_modes`.
     """
     return _null_space(rigidity_matrix(chain, angles).toarray().T, tolerance)
 

@@ -210,7 +210,7 @@ def _reversal(piece: OrbitPiece, rotor: int | None) -> float:
 
 
 class _ArcMap:
-    """Smooth, increasing map from the arc length of an orbit to that of the uniform orbit."""
+    """Smooth, increasing map from the arc length of an orbit to the one of the uniform orbit."""
 
     def __init__(self, orbit: Orbit, uniform: UniformOrbit) -> None:
         arcs: list[float] = []

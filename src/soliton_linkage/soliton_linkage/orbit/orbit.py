@@ -153,7 +153,7 @@ class Orbit(ABC):
         return np.asarray((ahead - behind) / (2 * _STEP))
 
     def free_rate(self, arc: float) -> float:
-        """Return the rate ds/dt of free motion, relative to that of a chain with equal rotors [1].
+        """Return the rate ds/dt of free motion, relative to a chain with equal rotors [1].
 
         Free motion conserves the kinetic energy sum_n (I_n / 2) (t_n ds/dt)^2, where t is the
         tangent and I_n is the moment of inertia of rotor n. For the same energy, and with the

@@ -117,7 +117,7 @@ def _bond_costs(points: Array, predicted: Prediction) -> Array:
 def _viterbi(costs: Array, bond_costs: Array) -> NDArray[np.intp]:
     """Return the index of the most likely of W candidates of each rotor, (N,), W if hidden.
 
-    `costs` have the shape (N, W), and `bond_costs`, those of pairs of neighbours, (N - 1, W, W).
+    `costs` have the shape (N, W), and `bond_costs`, for pairs of neighbours, (N - 1, W, W).
     """
     rotors, width = costs.shape
     own = np.column_stack([costs, np.full(rotors, _HIDDEN_COST)])

@@ -82,7 +82,7 @@ class AdaptiveSubscription:
 
     @property
     def as_requested(self) -> bool:
-        """Whether reliability and durability are those of `topic`, not adapted to publishers."""
+        """Whether reliability and durability are as in `topic`, not adapted to publishers."""
         return _same_offer(self.qos, self.topic.qos)
 
     @property

@@ -15,7 +15,7 @@ from soliton_linkage_nodes.runtime.managed import ManagedParameters
 
 @dataclass(frozen=True)
 class SimulatorParameters(WorldParameters):
-    """Parameters of the simulator, except for those of the chain, the gravity and the sensors."""
+    """Parameters of the simulator itself, without the chain, the gravity and the sensors."""
 
     publish_rate: float = quantity(
         500.0, 'rate of joint_states in simulated time', 'Hz', 1.0, 10_000.0

@@ -55,7 +55,7 @@ class Springs:
         _advance(self.angles, self.rates, *given, _WEIGHTS * step, self._steps)
 
     def record(self, frames: int) -> Recording:
-        """Record `frames` frames, of which the first is the current state."""
+        """Record `frames` frames, beginning with the current state."""
         angles = np.empty((frames, len(self.angles)))
         rates = np.empty_like(angles)
         for frame in range(frames):

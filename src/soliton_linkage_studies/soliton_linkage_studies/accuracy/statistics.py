@@ -47,7 +47,7 @@ _COLUMNS = (
 _CONSISTENT = (0.95, 1.05)
 """Stated deviations are consistent if the rms normalised error is in this range [1]."""
 _SIGNIFICANT = 3.0
-"""Significant differences are above this [standard errors]; 1 of 400 is larger by chance."""
+"""Significant differences are above this [standard errors]; 1 of 400 is larger at random."""
 _SINGLE_RECORD = 0.3
 """Assumed relative standard error of a root mean square from a single record [1]."""
 _LARGER = 1.1

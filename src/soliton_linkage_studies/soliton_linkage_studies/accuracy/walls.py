@@ -95,7 +95,7 @@ class WallPath:
         return self.rest_position + 2 * round((position - self.rest_position) / 2)
 
     def relative_angles(self, rotors: int, position: float) -> Array:
-        """Return the angles minus those of the state left of the wall [rad], shape (rotors,)."""
+        """Return the angles relative to the state left of the wall [rad], shape (rotors,)."""
         first, angles, _ = self.window(position)
         base = np.tile(self.left, len(angles) // 2 + 1)[: len(angles)]
         added = np.zeros(rotors)
@@ -140,7 +140,7 @@ class WallPath:
         return math.sqrt(float(residual @ residual) / max(len(residual), 1))
 
     def _near(self, angles: Array, position: float, within: float) -> tuple[Array, Array]:
-        """Return `angles` minus those of a static wall, and the derivatives of the latter.
+        """Return `angles` minus the angles of a static wall, and the derivatives of the latter.
 
         Both contain only the rotors that are nearer to `position` than `within`.
         """

@@ -268,7 +268,7 @@ def _compare_track(
     """Draw the theory beside the second half of the track of a wall, and compare the velocities.
 
     `where` contains the panel and the charge of the wall, `track` the times [s] and the sites
-    [rotor spacings]. `velocity` is that of the theory [rotor spacings/s].
+    [rotor spacings]. `velocity` is the theoretical velocity [rotor spacings/s].
     """
     tracked = np.flatnonzero(np.isfinite(track[1]))
     times, sites = (each[tracked[len(tracked) // 2 :]] for each in track)

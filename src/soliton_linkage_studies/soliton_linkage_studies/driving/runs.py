@@ -86,7 +86,7 @@ class DrivingStudy:
 
 @dataclass(frozen=True)
 class Results:
-    """Results of a study; keys and order are those of the tasks in `DrivingStudy`."""
+    """Results of a study; keys and order are as in `DrivingStudy.tasks`."""
 
     works: dict[str, DrivenChain]
     balances: dict[str, BalancedRun]
@@ -97,7 +97,7 @@ class Results:
 
     @staticmethod
     def of(done: Mapping[tuple[Any, ...], Any]) -> Results:
-        """Sort results into fields; the keys of `done` are those of `DrivingStudy.tasks`."""
+        """Sort results into fields; the keys of `done` are as in `DrivingStudy.tasks`."""
 
         def part(name: str) -> dict[Any, Any]:
             return {key[1:]: result for key, result in done.items() if key[0] == name}

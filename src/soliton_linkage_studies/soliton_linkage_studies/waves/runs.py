@@ -125,7 +125,7 @@ class WaveRun:
 
 
 def energy_per_rotor(chain: Chain, recording: Recording) -> Array:
-    """Return the kinetic energy of each rotor plus half that of its springs [J], shape (T, N)."""
+    """Return the kinetic energy of each rotor, plus half the energy of its springs [J], (T, N)."""
     of_springs = 0.5 * chain.stiffnesses * chain.spring_extensions(recording.angles) ** 2
     kinetic = 0.5 * chain.moments_of_inertia * recording.rates**2
     return kinetic + chain.gathered(of_springs / 2, of_springs / 2)
