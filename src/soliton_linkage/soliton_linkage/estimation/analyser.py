@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Analyser of a known chain, with an orbit filter for one wall and fits of shapes for several."""
+"""Analyser of a known chain: an orbit filter for one wall, fits of wall shapes for several."""
 
 from __future__ import annotations
 

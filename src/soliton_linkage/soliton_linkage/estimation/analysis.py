@@ -49,8 +49,8 @@ class Analysis(NamedTuple):
     motion: class of motion from the parameters of the chain, or, if these are unknown, from the
         angles.
     measured_motion: class of motion from the angles alone.
-    status: tracking status of the first wall if walls were found by fits of their shapes, else of
-        `estimate`.
+    status: tracking status of the first wall if fits of wall shapes have found the walls,
+        otherwise the status of `estimate`.
     estimate: estimated state of the chain on its orbit.
     cycle: phase of the chain in the cycle of its orbit.
     solitons: walls that are at least half a rotor spacing from the edges, sorted by their site.

@@ -26,28 +26,30 @@ from soliton_linkage.linkage.chain import Array, Chain
 
 _DEPTHS_BESIDE = 3.0
 """A rotor counts as far from the wall if its distance is above one rotor spacing plus this number
-of penetration depths [1]. The tail of the wall is below 5 % there."""
+of penetration depths [1]."""
 _FEWEST_MEANS = 5
-"""The offset of a rotor is corrected only after mean residuals of this many blocks [1]."""
+"""The offset of an encoder is corrected only if at least this many blocks contain a mean residual
+of its rotor [1]."""
 _FEWEST_ROTORS = 5
-"""Smallest number of mean residuals from which the common error of the rest angles is estimated
-[1]. A rotor has one mean for each side of the wall on which it has been."""
+"""The common error of the rest angles is estimated only from at least this many mean residuals
+[1]."""
 _WAVE_TIME = 10.0
 """Assumed correlation time of waves [time units of the chain]."""
 _LEAST_DISTANCE = 0.01
-"""An encoder may have an unknown offset if the mean residual of its rotor exceeds the typical
-range of the mean residuals by more than this [rad]."""
+"""An encoder may have an unknown offset if the mean residual of its rotor exceeds a limit,
+computed from the residuals of all rotors, by more than this [rad]."""
 _LEAST_ERROR = 3e-4
-"""Standard deviation of a residual due to persistent errors such as rounding errors [rad]. It is
-part of the uncertainty of every offset."""
+"""Standard deviation of a residual due to persistent errors such as rounding errors [rad]."""
 _CONTRADICTION = 0.3
 """A correction near the wall counts as wrong if the corrected residual has the opposite sign and
-exceeds this share of the correction [1] plus the effects of noise and speed."""
+is larger than this share of the correction [1] plus allowances for noise and for the speed of the
+wall."""
 _FROM_EDGE = 2.0
-"""Corrections near a wall are tested only if both edges are farther than this [rotor spacings]."""
+"""Corrections near the wall are tested only if the wall is farther than this from both edges
+[rotor spacings]."""
 _STUCK, _MOST_STUCK = 1e-5, 0.2
-"""A reading counts as unchanged if it differs from the same reading at the end of the preceding
-block by at most `_STUCK` [rad]. The chain counts as at rest if more than the share `_MOST_STUCK`
+"""A reading counts as unchanged if it differs from the reading of the same encoder one block
+earlier by at most `_STUCK` [rad]. The chain counts as at rest if more than the share `_MOST_STUCK`
 of the readings is unchanged [1]."""
 
 
@@ -58,7 +60,7 @@ class EncoderOffsets:
         self.settings = settings
         rotors = number_of_rotors
         self.means = np.zeros(rotors)
-        """Number of blocks that support the offset of each rotor [1], shape (N,)."""
+        """Number of blocks from which each offset is estimated [1], shape (N,)."""
         self.weights, self.sums = np.zeros((2, rotors)), np.zeros((2, rotors))
         """Sums of the weights [1/rad^2] and of the weighted residuals [1/rad] of each rotor, shape
         (2, N) each. Row 0 sums the residuals from the blocks in which the rotor was before the
@@ -125,10 +127,9 @@ class EncoderOffsets:
         return error if abs(error) > self.settings.significance * chance else 0.0
 
     def retest(self, rotors: Flags, errors: Array) -> None:
-        """Reduce the weight of the earlier residuals of the flagged rotors.
+        """Reduce the weight of the earlier residuals of the flagged rotors, most for large errors.
 
-        `errors` [rad], shape (N,), are the latest residuals minus the predicted ones. The larger
-        the error of a rotor, the smaller is the remaining weight.
+        `errors` [rad], shape (N,), are the latest residuals minus the predicted ones.
         """
         self.means[rotors] = np.minimum(self.means[rotors], _FEWEST_MEANS) - 1
         kept = 1 / np.maximum(self.weights[:, rotors] * errors[rotors] ** 2, 1.0)
@@ -142,8 +143,8 @@ class FarFieldResiduals:
     def __init__(self, offsets: EncoderOffsets, chain: Chain, strong: float) -> None:
         """Start without frames.
 
-        A block is ignored if the mean square of its residuals is above `strong` [rad^2] and the
-        residuals differ from the preceding block, because waves have these effects.
+        A block is ignored if its mean squared residual is above `strong` [rad^2] and its residuals
+        differ from those of the preceding block, because waves have these two effects.
         """
         self._offsets, self._settings = offsets, offsets.settings
         self._margin = 1 + _DEPTHS_BESIDE * penetration_depth(chain) / chain.spacing
@@ -298,12 +299,7 @@ class FarFieldResiduals:
         return self._disorder(rows, median(chances) if len(chances) else 0.0)
 
     def _disorder(self, means: Array, noise: float) -> float:
-        """Return a robust estimate of the disorder [rad]; 0 if insignificant.
-
-        Row 0 of `means` [rad], shape (2, N), contains the mean residual of each rotor while it was
-        before the wall, row 1 while it was beyond the wall, NaN if unknown. `noise` is the
-        standard deviation of a mean due to noise [rad].
-        """
+        """Return a robust estimate of the disorder [rad]; 0 if insignificant."""
         (before, beyond), tail = means, self._tail
         added = np.concatenate([before[:-1] - tail * before[1:], beyond[1:] - tail * beyond[:-1]])
         sizes = np.abs(added[np.isfinite(added)])
@@ -316,7 +312,7 @@ class FarFieldResiduals:
 
 
 def _trimmed_mean(squares: Array) -> float:
-    """Return the mean without the two largest squares, because two encoders may have offsets."""
+    """Return the mean of all but the two largest squares; two encoders may have offsets."""
     count = len(squares) - 2
     if count <= 0:
         return 0.0

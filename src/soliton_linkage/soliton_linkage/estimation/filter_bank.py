@@ -20,10 +20,10 @@ from soliton_linkage.linkage.chain import Array
 Records = NDArray[np.void]
 
 LEAST_ODDS, _LEAST_ODDS_AT_EDGES = -9.0, -2.0
-"""Lower limits of the log odds against the steady filter [1]. The first is for a wall inside the
-chain, the second for a wall at an edge, where springs exchange energy with the wall."""
+"""Lower limits of the log odds against the steady filter [1] while the wall is inside the chain
+and while it is at an edge, where springs exchange energy with it."""
 _LEAST_EVIDENCE = 0.5
-"""A filter that assumes an impulse has a weight only if its log odds are above this [1].
+"""A filter that assumes an impulse has the weight 0 unless its `odds` are above this [1].
 Sensitivity: without this limit, reported standard deviations are 3 % larger in steady motion."""
 
 ARC, RATE, BIAS, DISTURBANCE = range(4)
@@ -45,11 +45,11 @@ one impulse each, in the order from the latest to the earliest impulse.
 
 state, covariance: mean and covariance of (s, w, b, d).
 bias_variance: stationary variance of the bias [rad^2].
-rate_noise, edge_rate_noise: square of the relative change of the rate per rotor spacing, for a
-    wall inside the chain and for a wall at an edge [1].
+rate_noise, edge_rate_noise: square of the random relative change of the rate per rotor spacing,
+    while the wall is inside the chain and while it is at an edge [1].
 weight: weight of the filter in the mixture of all filters [1].
-prior, probability: prior and current probability of a filter among those that are neither steady
-    nor assume an impulse [1].
+prior, probability: prior and current probability of a filter, for all filters except the steady
+    one and those that assume an impulse [1].
 likelihood: log likelihood of recent measurements, relative to the likeliest filter [1].
 odds: log likelihood of the measurements since the assumed impulse, minus their log likelihood in
     the filters without an impulse [1].
@@ -76,9 +76,10 @@ rate: mean rate of the arc length in the mixture of all filters [rad/s].
 log_odds: log odds against the steady filter [1].
 frames: number of frames since the last restart from an impulse [1].
 impulses: number of restarts from an impulse [1].
-wave_noise: spectral density of the process noise of the rate due to waves, divided by the
-    `rate_noise` of the filter [rad^2/s^3].
-ripple: variance that the periodic ripple of the rate adds to the bias of each filter [rad^2].
+wave_noise: spectral density of the random acceleration by waves, divided by the `rate_noise` of a
+    filter [rad^2/s^3].
+ripple: variance added to the bias of each filter, because the rate has a ripple that is periodic
+    in the site [rad^2].
 """
 _FILTERS = records(FILTER, writable=True)
 _STATUS = records(STATUS, writable=True)
@@ -86,7 +87,7 @@ _NUMBERS = records(record_dtype(FilterSettings))
 
 
 def _transform(transition: Array, covariance: Array, product: Array) -> None:
-    """Replace the covariance P by F P F^T; F is `transition`, and `product` is storage."""
+    """Replace the covariance P by F P F^T; F is `transition`; `product` is overwritten."""
     for i in range(4):
         for j in range(4):
             total = 0.0
@@ -303,10 +304,10 @@ def assume_impulse(
 ) -> None:
     """Insert at index `base` a filter that assumes an impulse in the last time step.
 
-    Before that, the `older` filters from index `base` on move up by one index, and the filter
-    after them is lost. The new filter is a copy of the filter without impulse that has the largest
-    weight, with larger variances of the arc length and its rate. `elapsed` is the time step [s],
-    and `least_impulse` is as in `STATUS`.
+    Before that, the filters `base` to `base` + `older` - 1 are copied to `base` + 1 to `base` +
+    `older`. The new filter is a copy of the filter without impulse that has the largest weight,
+    with larger variances of the arc length and its rate. `elapsed` is the time step [s], and
+    `least_impulse` is as in `STATUS`.
     """
     likeliest = 0
     for n in range(1, base):

@@ -38,9 +38,9 @@ def rotor_swing(chain: Chain) -> float:
 
 @compiled(const_f8_1d, f8_1d, f8_1d, f8_1d)
 def unwrap(angles: Array, last: Array, turns: Array, seen: Array) -> None:
-    """Set `seen` to unwrapped angles [rad], shape (N,); invalid readings become NaN.
+    """Set `seen` to unwrapped angles [rad], shape (N,), NaN for invalid readings.
 
-    `last`, the last valid readings [rad], and `turns`, the turns to add to readings, are updated.
+    Update `last`, the last valid readings [rad], and `turns`, the whole turns to add to readings.
     """
     for n in range(angles.size):
         angle = angles[n]
@@ -277,9 +277,9 @@ def complete(
 def whole_frame(
     chain: Chain, angles: Array, rates: Array | None, largest: float
 ) -> CompletedFrame | None:
-    """Return a frame without filled rotors, or None if a residual is too large.
+    """Return a frame without filled rotors; None if `largest` [rad] is NaN or above half a swing.
 
-    `largest` is the largest absolute residual [rad]. Its limit is half a swing; NaN is too large.
+    `largest` is the largest absolute residual.
     """
     if not largest <= rotor_swing(chain) / 2:
         return None

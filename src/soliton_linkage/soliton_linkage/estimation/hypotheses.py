@@ -16,9 +16,9 @@ from soliton_linkage.orbit.orbit import Orbit
 
 _LEAD = 3.0
 """A hypothesis replaces the leader if its log likelihood exceeds that of the leader by more than
-this [1]. It is then at least 20 times as likely as the leader."""
+this [1]."""
 _STEP = 1e-3
-"""Step of the numerical derivative of the arc length per rotor spacing [rotor spacings]."""
+"""Step for the numerical derivative of 1 / `Orbit.site_arc_at` [rotor spacings]."""
 _NEAR = 0.5
 """Two hypotheses count as duplicates only if their walls are closer than this [rotor spacings]."""
 
@@ -60,7 +60,7 @@ class Hypotheses:
         return self.all[0]
 
     def weigh(self, likelihoods: list[float]) -> None:
-        """Add the log likelihood of a frame; drop unlikely and duplicate hypotheses."""
+        """Add to each hypothesis its log likelihood of a frame; drop unlikely and equal ones."""
         if len(self.all) == 1:
             return
         for each, likelihood in zip(self.all, likelihoods, strict=True):

@@ -212,7 +212,7 @@ def sum_likelihoods(
 
 @compiled(f8, f8, f8, f8_1d)
 def tabulate(variance: float, bound: float, floor: float, table: Array) -> None:
-    """Set `table` to log likelihoods of equidistant differences of one angle from 0 to pi."""
+    """Set `table[n]` to the log likelihood of the difference n pi / (size of table - 1) [rad]."""
     for n in range(table.size):
         apart = math.pi * n / (table.size - 1)
         table[n] = _of_rotor(apart, variance, bound, floor)

@@ -93,7 +93,7 @@ def search_arc(arc: float, target: Callable[[float], float], close: float) -> fl
 
 
 _CORE = 2.5
-"""Rotors up to this distance from a wall show whether it still exists [rotor spacings]."""
+"""Only rotors up to this distance from a wall show whether it exists [rotor spacings]."""
 _FAR, _FAR_NOISE, _FAR_SHARE = 0.75, 2.0, 0.3
 """A wall counts as lost if more than the share `_FAR_SHARE` of the rotors within `_CORE` have
 absolute residuals above `_FAR` times the smallest gross error plus `_FAR_NOISE` times the standard
@@ -107,8 +107,7 @@ class FrameLikelihood:
         """Compute the density; `swing` is as in `rotor_swing` [rad]."""
         self._settings = settings
         self.gross = settings.gross_share * swing
-        """An absolute residual above this is a gross error [rad]. The deformation of a wall by its
-        springs causes smaller residuals."""
+        """An absolute residual above this is a gross error [rad]."""
         self._density = np.zeros(1, DENSITY)
         bound, wrong = settings.bound, settings.wrong
         core = math.sqrt(2 * math.pi) * math.erf(bound / math.sqrt(2))
@@ -201,7 +200,7 @@ class FrameLikelihood:
         return True
 
     def fits(self, residuals: Array, first: int, site: float, noise: float) -> bool:
-        """Return whether residuals [rad] of rotors, from `first` on, allow a wall at a site."""
+        """Return whether the residuals [rad] of rotors from `first` on allow a wall at `site`."""
         beside = np.abs(np.arange(first, first + len(residuals)) - site)
         core = np.abs(residuals[beside <= _CORE])
         far = np.count_nonzero(core > _FAR * self.gross + _FAR_NOISE * noise)
@@ -267,7 +266,7 @@ class InnovationGate:
         return view.information >= self._settings.informative_share * view.full_information
 
     def is_strained(self, view: LinearisedMeasurement) -> bool:
-        """Return whether outliers that are not gross errors contradict the prediction.
+        """Return whether outliers contradict the prediction although they are not gross errors.
 
         In a frame that is not informative, they do if three of them are adjacent, or if one rotor
         is such an outlier in `confirming_frames` successive frames.

@@ -52,8 +52,9 @@ _FLAT, _FLAT_IN_NOISE, _NOISIEST = 0.02, 2.0, 0.15
 outwards. It ends where the deviation is at most `_FLAT` rest angles or `_FLAT_IN_NOISE` standard
 deviations of the noise. Tails are not used if the noise exceeds `_NOISIEST` rest angles [1]."""
 _BEND, _NEGLECTED = 0.1, 0.01
-"""`_BEND` is the prior standard deviation of the product of the rest angle and the coefficient of
-e^2 [1]. `_NEGLECTED` is the standard deviation of lambda due to extended springs [1]."""
+"""`_BEND` is the prior standard deviation of the coefficient of e^2 in e' - F(e), multiplied by
+the rest angle [1]. `_NEGLECTED` is the standard deviation of lambda due to extended springs
+[1]."""
 _SPREAD = 1.2
 """Variance of e' - F(e) due to the noise of the two angles, divided by the noise variance [1]."""
 _LEAST_LEVER = 1e-9
@@ -201,7 +202,7 @@ def tail_products(
 
 @compiled(f8, f8, f8)
 def _flipping(left: float, right: float, variance: float) -> float:
-    """Return the log likelihood ratio of a flipper against a spinner, from mean angles theta."""
+    """Return the log likelihood ratio of a flipper against a spinner, from theta on both sides."""
     flipped, spun = wrapped(right + left), wrapped(right - left - math.pi)
     flipped, spun = flipped * flipped, spun * spun
     likelihood = (spun - flipped) / (2 * max(variance, min(flipped, spun)))
@@ -297,7 +298,7 @@ class MotionClass(NamedTuple):
 
     motion: class of motion; None if no class is probable enough, for example before a frame has
         shown a wall.
-    confidence: probability of the likeliest class; the spinner has the prior probability 1/3.
+    confidence: probability of the likeliest class; the prior probability of each class is 1/3.
     spinning: probability that the chain is a spinner.
     """
 

@@ -4,8 +4,8 @@
 The state of each Kalman filter is (s, w, b, d): arc length s along the orbit [rad], its rate w
 [rad/s], bias b of the measurement [rad] and disturbance d [rad/s^2]. A measurement is z = s + b +
 noise. The correlation of the bias decays to 1/e while the wall moves by half a rotor spacing, or
-within the time tau if the wall is at rest. In a time step dt, with the normal noise dB, the state
-changes by
+within the time tau if the wall is at rest. In a time step dt, with the normal noise dB of variance
+dt, the state changes by
 
     ds = w dt,   dw = sqrt(q) dB,   b' = a b + noise of variance m^2 (1 - a^2),
 
@@ -16,9 +16,9 @@ rest. The variance m^2 includes a ripple of the rate that is periodic in the rot
 
 Filters with different e and m are weighted by the likelihood of recent measurements. The steady
 filter has e = m = 0 and uses the whole record. If the measurements contradict the steady filter,
-this filter restarts with a low weight, and the mean of the other filters becomes its state. While
-the wall is at an edge, e is larger, because springs exchange energy with the wall. In strong waves
-and at edges, the weight of the steady filter has an upper limit.
+it restarts with a low weight from the mean of the other filters. While the wall is at an edge, e
+is larger, because springs exchange energy with the wall. In strong waves and at edges, the weight
+of the steady filter has an upper limit.
 
 Each further filter assumes one impulse, about 1, 2, 4, 8 or more frames ago, respectively, after
 which the rate is almost unknown. The weight of such a filter is the prior probability of an
@@ -212,7 +212,7 @@ class MultipleModelFilter:
         self._refresh()
 
     def add_rate_noise(self, variance: float, elapsed: float) -> None:
-        """Increase the variance of the rate by `variance` [rad^2/s^2] in a time `elapsed` [s]."""
+        """Add a random rate change of `variance` [rad^2/s^2], spread over `elapsed` [s]."""
         covariances = self.filters['covariance']
         covariances[:, RATE, RATE] += variance
         covariances[:, ARC, ARC] += variance * elapsed**2 / 3
@@ -221,10 +221,10 @@ class MultipleModelFilter:
         self._refresh()
 
     def set_wave_acceleration(self, acceleration: float, duration: float) -> None:
-        """Set the acceleration by waves [rad/s^2] and the time for which it remains constant [s].
+        """Set the rms acceleration by waves [rad/s^2] and the time for which it is constant [s].
 
-        The filters with the largest relative change of the rate use this acceleration. The other
-        filters reduce it in proportion to their relative change of the rate.
+        It applies to the filters with the largest e; in the others, it is reduced in proportion to
+        e.
         """
         largest = max(self._settings.rate_changes, default=0.0)
         if largest:

@@ -20,14 +20,14 @@ FREEDOMS_OF_MEDIAN = 0.368
 the mean square of this number times n values [1]."""
 
 _LARGEST_CHANGE = 12.0
-"""`StampJitter` limits products of second differences to this multiple of the expected one [1]."""
+"""`StampJitter` limits each product of second differences to this multiple of its mean [1]."""
 _EDGE_RATIO = 4.0
 """Variance of the residuals due to the deformation of a wall at an edge, divided by their variance
 for a wall inside the chain [1]."""
 LARGEST_EXCESS = 3.0
 """Upper limit of `FrameNoise.excess`, divided by the mean square of recent residuals [1]."""
 _FIELD_RATIO = 3.0
-"""Assumed ratio of the largest to the mean squared residual that waves cause near a wall [1]."""
+"""Largest squared residual that waves cause near a wall, divided by the mean one (assumed) [1]."""
 
 
 def median(values: Array) -> float:
@@ -157,8 +157,7 @@ class FrameNoise:
         """Return Bernstein's bound [rad^2] of a weighted sum of products of `products_in_time`.
 
         It holds if all residuals are noise with the variance `square` [rad^2], so that a product
-        has the variance 17 / 9 square^2. `squared_weights` is the sum of the squared weights, and
-        `largest` the largest weight.
+        has the variance 17 / 9 square^2.
         """
         significance = self._settings.significance
         deviation = significance * math.sqrt(17 / 9 * squared_weights)
@@ -266,7 +265,7 @@ class StampJitter:
 
 
 class ResidualVariance:
-    """Variance of the residuals of the rotors, which noise, waves and deformed walls cause."""
+    """Estimator of the variance of a residual, to which noise, waves and deformed walls add."""
 
     def __init__(self, swing: float, noise: float | None, settings: EstimationSettings) -> None:
         """Start without frames; `swing` is as in `rotor_swing`, and `noise` as in `FrameNoise`."""
@@ -288,8 +287,8 @@ class ResidualVariance:
         self.at_edge = False
         """Whether the wall is at an edge."""
         self.excluded = self._shift = 0.0
-        """Covariance of the errors of the arc length in two successive frames that arise because
-        outliers caused by waves are excluded [rad^2]."""
+        """Covariance of the errors of the arc length in two successive frames [rad^2] that arise
+        because waves cause outliers and outliers have less weight."""
 
     def start(self, view: LinearisedMeasurement) -> None:
         """Restart with the first frame of a new wall, but keep `way` and `at_edge`."""

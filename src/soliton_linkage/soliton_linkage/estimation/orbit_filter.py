@@ -300,10 +300,7 @@ class OrbitFilter:
         return variance
 
     def _relocated(self, time: float, seen: Array, fits: bool) -> bool:
-        """Count an unexplained frame, and restart or lose the chain after several such frames.
-
-        Return whether the filter has restarted or lost the chain.
-        """
+        """Count a frame that does not match; return whether the filter restarts or gets LOST."""
         tracking, view = self._tracking, self._hypotheses.leader.view
         if self._unexplained == 0:
             self._unexplained_since = time

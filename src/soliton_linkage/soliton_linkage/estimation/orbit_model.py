@@ -207,7 +207,7 @@ class UnseenRotorCorrection:
         return -float(held @ turning + pull[~unseen] @ residuals[~unseen])
 
     def _balanced(self, arc: float, unseen: Flags, tangent: Array) -> tuple[Array, Array]:
-        """Return V and K V (stiffness matrix K); V is 0 if seen, and K V the tangent if unseen."""
+        """Return V and K V (stiffness matrix K); V is 0 for seen, K V is t for unseen rotors."""
         chain = self._orbit.chain
         first, second = rigidity_bands(chain, self._orbit.configuration(arc))
         rotors = np.flatnonzero(unseen)
@@ -230,8 +230,8 @@ _PERIOD = 2
 _SLOW = 0.25
 """A wall is slow if it passes at most this many rotors per period of the slowest phonon [1]."""
 _SECOND_ORDER = 0.5
-"""For the fastest slow wall, the measured relative error of the rate change that `rate_ratio`
-predicts is the square of this [1]."""
+"""For the fastest slow wall, `rate_ratio` predicts the rate change with a relative error of the
+square of this (measured) [1]."""
 _LONGEST_RESOLVED = 4 / 3
 """The spring forces on a wall average out if the wall is faster than this multiple of the speed of
 the fastest slow wall [1]."""
@@ -240,7 +240,7 @@ _RADIATION = 0.2
 """Relative bandwidth of the resonance of a fast wall with the slowest phonon, due to radiation
 [1]. With this value, the computed and the simulated ripple agree within a factor of 2."""
 _RIPPLE_SHARE = 0.3
-"""`ripple_bias` divided by the variance and by the period of the ripple [1/rotor spacing]."""
+"""`ripple_bias` is this times the period of the ripple times its variance [1/rotor spacing]."""
 
 
 class ComplianceCorrection:
@@ -284,10 +284,9 @@ class ComplianceCorrection:
         return rate_after_impulse(rate, momentum, self._mean)
 
     def contraction(self, rate: float) -> tuple[float, float]:
-        """Return p / (I w) and (dp / dw) / I [1] for the momentum p at a rate w [rad/s].
+        """Return p / (I w) and (dp / dw) / I [1] for the mean mu, momentum p and rate w [rad/s].
 
-        The momentum is p = I (w + 2 mu w^3) with the mean compliance mu. The first number is also
-        the factor by which the motion contracts a wall.
+        The first number is also the factor by which the motion contracts a wall.
         """
         square = 2 * self._mean * rate * rate
         return 1 + square, 1 + 3 * square
@@ -303,11 +302,7 @@ class ComplianceCorrection:
         return math.sqrt((1 + square * self.mu(before)) / (1 + square * self.mu(arc)))
 
     def unpredicted_change(self, rate: float) -> float:
-        """Return the relative standard deviation [1] of a rate that `rate_ratio` has corrected.
-
-        For slow walls, it is of second order in the ratio of the site rate to the slowest phonon
-        frequency. For fast walls, it falls with the fourth power of the rate.
-        """
+        """Return the relative standard deviation [1] of a rate that `rate_ratio` has corrected."""
         square = 3 * rate * rate
         change = 0.5 * square * self._spread / (1 + square * self._mean)
         relative = abs(rate) / self._adiabatic

@@ -53,7 +53,8 @@ _SAME_ARC = 0.01
 _MOST_PLACES = 12
 """Largest number of maxima that are refined [1]."""
 _STEPS_OF_TABLE = 32
-"""Points of the likelihood table per standard deviation [1]. The error is 1e-4 of the peak."""
+"""Points of the likelihood table per standard deviation [1]. Interpolation errors are 1e-4 of the
+peak."""
 _MOST_SAMPLES = 500
 """Largest number of samples per leg if the orbit is too long to be sampled fully [1]."""
 
@@ -198,7 +199,7 @@ class Relocaliser:
         """Return the maximum of the likelihood near an arc length along the orbit.
 
         The assumed variance of a residual [rad^2] is halved with each step, from `wide` to
-        `variance`. `turned` is stored as `Candidate.upside_down`.
+        `variance`.
         """
         seen_with = max(wide, variance) / 2
         while seen_with > variance:
@@ -251,10 +252,7 @@ class Relocaliser:
     def _scanned(
         self, image: Array, samples: OrbitSamples, variance: float, between: float = 0.0
     ) -> Array:
-        """Return the log likelihoods of the samples, shape (S,).
-
-        `between` [rad^2] is added to the variance near a wall, which may be between two samples.
-        """
+        """Return the log likelihoods of the samples, shape (S,)."""
         sums, found = self._sums(image, variance), np.empty(len(samples.arcs))
         variance += between
         step = math.sqrt(variance) / _STEPS_OF_TABLE

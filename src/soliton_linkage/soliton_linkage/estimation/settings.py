@@ -53,7 +53,7 @@ class LikelihoodSettings(_Part):
         2.5, 'number of standard deviations above which a difference has less weight'
     )
     wrong: float = quantity(0.01, 'prior probability of a reading without information')
-    false_alarms: float = quantity(1e-3, 'probability of a false alarm in a test')
+    false_alarms: float = quantity(1e-3, 'accepted probability of a wrong decision in a test')
     gross_share: float = quantity(
         0.3, 'least size of a gross error, relative to the swing of a rotor'
     )
@@ -71,7 +71,7 @@ class LikelihoodSettings(_Part):
         0.25, 'largest possible standard deviation of the noise of an angle', 'rad'
     )
     informative_share: float = quantity(
-        0.7, 'least share of the information of a frame that must remain without its outliers'
+        0.7, 'a frame is informative if its inliers have at least this share of the information'
     )
 
 
@@ -94,11 +94,11 @@ class FilterSettings(_Part):
 
     rate_changes: tuple[float, ...] = quantity(
         (0.001, 0.006, 0.04, 0.25),
-        'relative change of the rate per rotor spacing in each model; an empty tuple means that '
-        'only the steady model is used',
+        'random relative change of the rate per rotor spacing in each model; an empty tuple '
+        'leaves only the steady model',
     )
     change_at_edges: float = quantity(
-        0.03, 'additional relative change of the rate per rotor spacing at edges'
+        0.03, 'additional random relative change of the rate per rotor spacing at edges'
     )
     biases: tuple[float, ...] = quantity(
         (1e-4, 1e-3, 4e-3, 0.016, 0.064),
@@ -142,7 +142,7 @@ class TrackingSettings(_Part):
         4.0, 'number of standard deviations above which an innovation is rejected'
     )
     decisive_odds: float = quantity(
-        12.0, 'log odds of the best position above which another position is discarded'
+        12.0, 'a position is discarded if the log odds of the best position against it exceed this'
     )
     confirming_frames: int = quantity(
         3, 'number of successive frames that confirm a new wall or the loss of a wall'
@@ -151,13 +151,17 @@ class TrackingSettings(_Part):
         1.0, 'largest delay of a late frame; a larger delay restarts the clock', 's'
     )
     settled: float = quantity(
-        10.0, 'number of frames after which the deformation of a wall is known'
+        10.0,
+        'number of frames in which the initial uncertainty of the deformation of a wall '
+        'decreases by a factor e',
     )
     loss_time: float = quantity(
         0.1, 'time without an accepted frame after which the wall is lost', 's'
     )
     wave_weight: float = quantity(
-        12.0, 'factor of the mean square of waves where waves limit the weight of the steady model'
+        12.0,
+        'weight of the squared amplitude of waves in `ResidualVariance.calm`, which reduces the '
+        'weight of the steady model',
     )
     scan_rate: float = quantity(
         20.0, 'largest mean rate of searches of the orbit in recorded time', '1/s'
@@ -173,7 +177,7 @@ class MotionSettings(_Part):
 
     least_probability: float = quantity(0.95, 'least probability of a reported class of motion')
     fewest_rotors: float = quantity(
-        4, 'number of rotors between a wall and an edge up to which the frame is not used'
+        4, 'a frame is used only if more rotors than this are between the wall and each edge'
     )
     strongest_frame: float = quantity(
         10.0, 'upper limit of the absolute log likelihood ratio of one frame'
@@ -199,7 +203,9 @@ class WidthSettings(_Part):
         0.01, 'prior standard deviation of ln(gamma) between passages and between frames'
     )
     contradiction: float = quantity(
-        6.0, 'number of standard deviations above which a passage restarts the mean'
+        6.0,
+        'the mean restarts if a passage differs from it by more than this number of standard '
+        'deviations',
     )
 
 
@@ -221,15 +227,15 @@ class WallSettings(_Part):
         60.0, 'longest time that a wall may be unseen at an edge, in absolute terms', 's'
     )
     lump_share: float = quantity(
-        0.25, 'least swing of a rotor in a breather, relative to the swing in a wall'
+        0.25, 'least swing of a rotor in a breather, relative to the swing while a wall passes'
     )
     quiet_periods: float = quantity(
         2.0,
-        'number of phonon periods without the swing of a breather after which two overlapping '
-        'walls have disappeared',
+        'two overlapping walls count as annihilated after this number of phonon periods in '
+        'which no rotor swings as in a breather',
     )
     breather_collisions: float = quantity(
-        4, 'number of collisions after which two walls have formed a breather'
+        4, 'two walls count as a breather after this number of collisions'
     )
 
 

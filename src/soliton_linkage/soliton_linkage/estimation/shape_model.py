@@ -233,8 +233,8 @@ class ShapeMeasurementModel:
 
 
 _CLEAR = 9
-"""A ring is cut in the middle of the section of this number of bonds whose smallest absolute
-polarisation is the largest [1], because this section is far from all walls."""
+"""A ring is cut open far from all walls: in the middle of the section of this number of bonds [1]
+in which the smallest absolute polarisation is larger than in all other such sections."""
 
 
 def domain_borders(polarised: Array, least: float) -> list[tuple[float, int]]:
@@ -256,10 +256,10 @@ def domain_borders(polarised: Array, least: float) -> list[tuple[float, int]]:
 def edge_borders(
     polarised: Array, borders: Sequence[tuple[float, int]]
 ) -> list[tuple[float, int]]:
-    """Return sites and charges of walls whose domain at an edge is too short for `domain_borders`.
+    """Return sites and charges of walls that `domain_borders` misses because an edge is too near.
 
-    `borders` are the `domain_borders`. At such a wall, the polarisation changes its sign between
-    the edge and the nearest of these borders.
+    `borders` are the `domain_borders`. Such a wall is at the last change of the sign of the
+    polarisation before the edge.
     """
     found = []
     for backwards, charge in ((False, borders[-1][1]), (True, borders[0][1])):

@@ -112,7 +112,8 @@ def elastic(
     `half` are half the stiffnesses [N/m]. `lefts` (`rights`) equal `half`, but are 0 where the
     left (right) rotor has no noise. The wake is farther than `reach` [rotor spacings] from all
     walls; spring n is at site n + 1/2. `walls` are the ascending sites of W walls between two end
-    values, shape (W + 2,). The end values are infinite, or for a ring the sites of the next walls.
+    values, shape (W + 2,). The end values are infinite; on a ring of N rotors, they are the last
+    site minus N and the first site plus N.
 
     The mean energy that noise adds is subtracted. For noise sigma of the angles, the variance is
     sigma^2 |tau|^2 + sigma^4 |H|^2 / 2, with the torques tau, the stiffness matrix H = R^T k_e R,

@@ -108,7 +108,7 @@ class FrameErrors(NamedTuple):
 
 
 class ArcRate(NamedTuple):
-    """Rate of the arc length, and its standard deviation, divided by `Orbit.free_rate` [rad/s]."""
+    """Rate of the arc length and its standard deviation, both divided by `free_rate` [rad/s]."""
 
     rate: float
     deviation: float = 0.0
@@ -258,8 +258,7 @@ class StateReporter:
 
         In the left-leaning state of a flipper, the lever A_0 has the sign of d - 1 (lean ratio d),
         and B_n that of (-1)^(n+1); upside down, both signs are opposite. An edge rotor has toggled
-        if its lever, A_0 or B_{N-2}, has not this sign. The turns of a spinner are counted from
-        the staggered angles theta = +-theta_bar.
+        if its lever, A_0 or B_{N-2}, has not this sign.
         """
         chain = self.chain
         twists, upright, at_first, at_last = shape
@@ -275,8 +274,8 @@ class StateReporter:
     def _of_arc(self, rate: ArcRate | None, elastic: state_loops.Energy) -> state_loops.Energy:
         """Return the kinetic energy, NaN for its part in the wake, and its standard deviation [J].
 
-        The kinetic energy of waves is assumed to equal their elastic energy: the elastic energy
-        minus its standard deviation.
+        The kinetic energy of waves is assumed to equal their elastic energy, which is estimated as
+        the elastic energy of the chain minus its standard deviation.
         """
         if rate is None:
             return math.nan, math.nan, math.nan

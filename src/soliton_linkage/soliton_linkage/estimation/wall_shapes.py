@@ -223,7 +223,7 @@ def fit_wall(
 def fit_about(
     angles: Array, span: float, last: int, table: WallTable, site: float, stretch: float
 ) -> tuple[float, float, tuple[float, float, float, float, float]]:
-    """Return site and stretch that fit the angles within `span` of `site`, and `sums_of_fit`."""
+    """Fit site and stretch to rotors 1 to `last` - 1 within `span`; return also `sums_of_fit`."""
     first, end = max(math.ceil(site - span), 1), min(math.floor(site + span) + 1, last)
     theta = np.empty(max(end - first, 0))
     for k in range(theta.size):
@@ -261,8 +261,8 @@ class WallShape:
 
     table: WallTable
     sides: Array
-    """Staggered angles far left and far right of the wall [rad], of even and odd rotors, (2,
-    2)."""
+    """Staggered angles far from the wall [rad], shape (2, 2): even and odd rotors in rows 0 and 1,
+    left and right of the wall in columns 0 and 1."""
 
 
 class WallShapes:

@@ -145,7 +145,7 @@ class WallMeasurement(NamedTuple):
 
 
 class WallTrack:
-    """State of a wall from frame to frame; it has a filter unless an `OrbitFilter` has one."""
+    """State of a wall from frame to frame, with a filter unless an `OrbitFilter` measures it."""
 
     def __init__(
         self,

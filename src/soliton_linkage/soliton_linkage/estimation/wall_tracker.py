@@ -194,10 +194,7 @@ class WallTracker:
                 self._add_inside(track, new, time, frame)
 
     def _confirmed(self, track: WallTrack, confirming: int) -> bool:
-        """Return whether a new wall is confirmed.
-
-        Only pairs of new walls inside need `confirming` frames, because readings may be wrong.
-        """
+        """Return whether a wall is confirmed; only pairs inside need `confirming` frames."""
         if track.frames >= min(confirming, self._frames) or self._is_at_edge(track):
             return True
         return not any(
@@ -358,7 +355,6 @@ class WallTracker:
             self._add(EventKind.LOST, track.last_seen, track.rotor, ids, charges, energies)
 
     def _report_pending(self, time: float, frame: WallFrame) -> None:
-        """Report events of walls that left an edge; drop reflections of walls that vanished."""
         waiting = []
         for event, track in self._pending:
             free = self._line.edge_distance(track.rotor) > self._line.near

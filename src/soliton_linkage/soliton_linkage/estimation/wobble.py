@@ -34,11 +34,12 @@ _CALM, _LARGEST, _ABOVE_NOISE = 1e-3, 0.5, 4.0
 times the rest angle, or by less than the noise. A rotor is in a tail if its deviation is at most
 `_LARGEST` times the rest angle and at least `_ABOVE_NOISE` standard deviations of the noise."""
 _BEND = 0.3
-"""Assumed error of the position of a zero of a tail [rotor spacings], divided by the ratio of the
-deviation of its inner rotor and the rest angle."""
+"""The assumed error of the position of a zero of a tail [rotor spacings] is this times the
+deviation of the rotor on its inner side, divided by the rest angle."""
 _CERTAIN, _COARSEST = 3.0, 0.2
-"""The decay length is unknown if the exact tail ratio is at most `_CERTAIN` standard deviations of
-the fitted one, or if the relative error of the decay length is above `_COARSEST` [1]."""
+"""The decay length is unknown if the standard deviation of the fitted tail ratio is at least 1 /
+`_CERTAIN` of the exact tail ratio, or causes a relative error of the decay length above
+`_COARSEST` [1]."""
 _NO_OVERSHOOT = (math.nan, math.nan, math.nan)
 
 
@@ -53,7 +54,7 @@ def beside_wall(
     rest_angle: float,
     leans: Array,
 ) -> None:
-    """Set `leans` [rad], (2, n), to deviations from the uniform states of rotors beside a wall.
+    """Set `leans` [rad], (2, n): deviations of rotors beside a wall from their uniform states.
 
     Row 0 is for the wall at rest, and row 1 for the measured angles. The rotors before `middle`
     come first. On both sides, the order is from the wall outwards.
