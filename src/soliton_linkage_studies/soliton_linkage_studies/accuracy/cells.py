@@ -35,7 +35,7 @@ _PHONONS = (0.001, 0.03)
 _REST_ANGLES = (0.3, 1.3)
 """Range of the rest angle [rad]."""
 _NEAREST = 0.02
-"""Smallest |d - d_c| / d_c [1], with the lean ratio d and its critical value d_c."""
+"""Smallest |d - d_c| / d_c of a random cell [1]: lean ratio d and its critical value d_c."""
 _FLIPPERS = (0.1, 1.0)
 """Range of the lean ratio d of flippers [1]."""
 _WIDEST = 3.0
@@ -43,10 +43,9 @@ _WIDEST = 3.0
 _LONGEST = 4.0
 """Largest ratio of the rotor length r to the rotor spacing a, as in the paper [1]."""
 _APART = 1.6
-"""Smallest number of rotors per wall, if there are several walls, relative to a single wall
-[1]."""
+"""A random cell with W > 1 walls has at least W times 2 `reach(chain)` times this rotors [1]."""
 _SEVERAL = (1, 1, 1, 2, 4)
-"""The number of walls of a random cell is drawn from these with equal probability [1]."""
+"""A random cell has one of these numbers of walls [1], drawn with equal probability."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +54,7 @@ class AccuracyCell:
 
     name: str
     chain: Chain
-    """True chain; if `disorder` is above 0, random deviations are added to it."""
+    """Simulated chain, without the random deviations that `disorder` adds to it."""
     noise: float
     """Standard deviation of the noise of each angle [rad]."""
     speed: float
@@ -74,10 +73,9 @@ class AccuracyCell:
     wrong_reading: float = 0.0
     """Error of one random encoder in the last frame of a record [rad]; 0 means no error."""
     disorder: float = 0.0
-    """Relative standard deviation of random deviations from `chain`, unknown to the analyser
-    [1]."""
+    """Relative standard deviation of random chain deviations, unknown to the analyser [1]."""
     impulses: int = 0
-    """Total number of impulses on the wall in all records [1]."""
+    """Total number of impulses on the wall in all scenes [1]."""
     impulses_known: bool = False
     """Whether each impulse is reported to the analyser."""
     unseen: str = ''
@@ -90,13 +88,13 @@ class AccuracyCell:
     degrees: bool = False
     """Whether the analyser receives angles in degrees instead of radians."""
     start: float = math.nan
-    """Position of a wall at rest [rotor spacings]; NaN means a moving wall."""
+    """Position of the wall if it is at rest [rotor spacings]; NaN if the wall moves."""
     jitter: float = 0.0
     """Standard deviation of the errors of time stamps [frame periods]."""
     offsets: float = 0.0
     """Offset of the encoder of every tenth rotor [rad]."""
     damping: float = 0.0
-    """Rate at which damping reduces the rotor rates [1 / time unit]."""
+    """Rate `damping` of the decay exp(-`damping` t) of the rotor rates [1 / time unit]."""
     damping_known: bool = False
     """Whether the analyser is configured with the damping."""
     length_error: float = 0.0
@@ -104,7 +102,7 @@ class AccuracyCell:
     largest_impulse: float = 0.5
     """Largest relative change of the wall speed by one impulse [1]."""
     configured_chain: Chain | None = None
-    """Wrong chain with which the analyser is configured; None means the true chain."""
+    """Chain with which the analyser is configured if this is a wrong chain, otherwise None."""
 
     @property
     def invalid_input(self) -> bool:
@@ -126,7 +124,7 @@ class AccuracyCell:
 
 
 def random_cells(seed: int, count: int) -> list[AccuracyCell]:
-    """Draw random cells from the ranges of this module; the motion classes alternate."""
+    """Draw `count` cells from the ranges above; successive cells have different motion classes."""
     return [_drawn(number, np.random.default_rng([seed, number])) for number in range(count)]
 
 
@@ -176,7 +174,7 @@ def _between(ends: tuple[float, float], random: np.random.Generator) -> float:
 _LEANS = {'flipper': (33, 0.9, 0.7), 'wobbler': (33, 0.8, 1.6), 'spinner': (33, 1.1, 3.4)}
 """Number of rotors, rest angle [rad] and lean ratio d of one chain per motion class."""
 _OTHER = 1.3
-"""Lean ratio of a wrongly configured chain, divided by the true lean ratio [1]."""
+"""Lean ratio that the analyser of an `other_chain` cell is given, divided by the true one [1]."""
 _FORCED_SPEED = 0.15
 """Initial wall speed in the cells with force terms [speed of sound]."""
 _DISORDERS = (0.01, 0.03, 0.05, 0.1)
@@ -191,7 +189,6 @@ def hard_cells() -> list[AccuracyCell]:
 
 
 def _of_model(chains: dict[str, Chain]) -> list[AccuracyCell]:
-    """Return cells with one effect each, which dominates the stated standard deviations."""
     edge, narrow = chain_of(40, 0.9, 0.2), chain_of(30, 1.1, 4.39)
     slow, wide = chain_of(40, 1.1, 1.25 * 2 / math.sin(1.1)), chain_of(30, 0.8, 1.6)
     at_rest = [('35', edge, 35.0), ('37', edge, 37.0), ('spinner', narrow, 27.0)]
@@ -237,7 +234,7 @@ def _of_model(chains: dict[str, Chain]) -> list[AccuracyCell]:
 
 
 def _with_forces(chain: Chain) -> dict[str, Chain]:
-    """Return one chain per force term, by name; each term changes wall speeds by up to 50 %."""
+    """Return one chain per force term, by the name of the term."""
     sites = _FORCED_SPEED * speed_of_sound(chain) / chain.spacing
     drag = 0.01 * chain.moment_of_inertia / chain.time_unit
     rate = sites * site_arc(chain)

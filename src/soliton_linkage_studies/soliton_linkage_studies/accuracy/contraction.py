@@ -39,11 +39,11 @@ SIMULATED, RECORDED = 'contraction_simulated', 'contraction_recorded'
 """File names of results for simulated walls and for walls recorded by the nodes."""
 _SOURCES = {SIMULATED: 'simulated frames', RECORDED: 'bags that the nodes recorded'}
 _QUICK_EVERY = 4
-"""Quick studies use one of this number of successive kicks [1]."""
+"""Quick studies use the first of each group of this number of successive kicks [1]."""
 _QUICK_FRAMES = 400
 """Largest number of frames per wall in a quick study [1]."""
 _FEWEST_FRAMES = 10
-"""A passage needs at least this number of frames with the wall in the middle of the chain [1]."""
+"""Smallest number of frames with the wall in the middle of the chain that give a result [1]."""
 
 
 @dataclass(frozen=True)
@@ -62,14 +62,13 @@ class ContractedWall:
 
 @dataclass(frozen=True)
 class Walls:
-    """Chain, and the strengths [a sqrt(k_e / M)] of the kicks that start its walls."""
+    """Chain, and the kicks [a sqrt(k_e / M)] that each start one wall in it."""
 
     name: str
     chain: Chain
     kicks: tuple[float, ...]
     reference: Mapping[float, tuple[float, float]]
-    """For each kick, the speed of the wall [a sqrt(k_e / M)] and its width divided by its width at
-    rest [1], both measured without noise."""
+    """Known result of each kick: wall speed [a sqrt(k_e / M)] and width / width at rest [1]."""
 
 
 @dataclass(frozen=True)
@@ -107,16 +106,12 @@ class ContractionStudy:
         write_table(lines, folder / f'{name}.md', list(lines))
 
     def duration(self, walls: int, kick: int) -> float:
-        """Return the recording time of a passage [time units]; arguments as in `passage`."""
+        """Return the simulated time of `passage(walls, kick)` [time units]."""
         chain, kicks = self.walls[walls].chain, self.walls[walls].kicks
         return crossing_duration(chain, kicks[kick])
 
     def passage(self, walls: int, kick: int) -> ContractedWall:
-        """Simulate a kick; return speed and width of the wall.
-
-        `walls` is the index of the chain in `self.walls`, and `kick` the index of the kick in the
-        kicks of this chain.
-        """
+        """Simulate kick number `kick` of `self.walls[walls]`; measure the wall that it starts."""
         chain, kicks = self.walls[walls].chain, self.walls[walls].kicks
         generator = np.random.default_rng([self.seed, walls, kick])
         recording = record_kick(chain, kicks[kick], self.duration(walls, kick), self.frames)
@@ -127,8 +122,8 @@ class ContractionStudy:
 def measured_passage(chain: Chain, times: Array, angles: Array) -> ContractedWall:
     """Analyse frames; measure speed and width of the wall while it is in the middle of the chain.
 
-    `times` [s] has shape (T,), the noisy `angles` [rad] have shape (T, N). Raises ValueError if
-    the wall is in the middle in fewer than ten frames.
+    `times` [s] has shape (T,), the noisy `angles` [rad] have shape (T, N). Raises ValueError for
+    fewer than ten frames with the wall in the middle.
     """
     analyser = Analyser(chain)
     stamps = np.rint(1e9 * times).astype(np.int64).tolist()
@@ -141,12 +136,12 @@ def passage_of(
 ) -> ContractedWall:
     """Measure speed and width of a wall on its first passage through the middle of the chain.
 
-    `times` [s] has shape (T,). Only frames with exactly one wall are used. The speed is the slope
-    of a line fitted to the positions. Its standard deviation is sqrt(2) times that of a position,
-    divided by the duration, because an error that all positions share does not change the slope.
-    The width is the mean over the frames; its standard deviation is the smallest one that the
-    analyser states in a frame, because the widths in successive frames are correlated. Raises
-    ValueError for fewer than ten frames.
+    `frames` contains the walls found at each of the `times` [s], shape (T,). Only frames with
+    exactly one wall are used. The speed is the slope of a line fitted to the wall positions. Its
+    standard deviation is that of the difference of two positions with independent errors, divided
+    by the duration of the passage. The width is the mean over the frames. Its standard deviation
+    is the smallest one that the analyser states in a frame, because the widths in successive
+    frames are correlated. Raises ValueError for fewer than ten frames.
     """
     both = zip(times, frames, strict=True)
     alone = [(time, walls[0]) for time, walls in both if len(walls) == 1]

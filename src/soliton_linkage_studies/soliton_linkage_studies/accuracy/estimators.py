@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Estimators of the wall position from one noisy frame, and their errors on known walls.
 
-The Cramer-Rao bound of the position is sigma / Lambda [rotor spacings] for independent angle noise
-of standard deviation sigma [rad]. Lambda is the arc length of the zero-energy orbit per rotor
-spacing [rad]. A position is the arc length divided by Lambda, as in `UniformOrbit`.
+The Cramer-Rao bound of the position is sigma / Lambda [rotor spacings]. The angle noise is
+independent, with standard deviation sigma [rad], and Lambda is the arc length of the zero-energy
+orbit per rotor spacing [rad].
 """
 
 from __future__ import annotations
@@ -30,26 +30,25 @@ ORBIT_NEAR = 'nearest point of the orbit'
 ORBIT_COLD = 'the same, without a guess'
 
 _FROM_EDGE = 2.0
-"""Tested walls are at least this far from an edge [wall widths]; nearer edges change their
-shape."""
+"""Smallest distance of a tested wall from the edges [wall widths], which change its shape."""
 _LOST_WIDTHS = 2.0
-"""An estimate fails if its position error is above both this [wall widths] and `_LOST_BOUNDS`."""
+"""An estimate has failed if its error is above both this [wall widths] and `_LOST_BOUNDS`."""
 _LOST_BOUNDS = 6.0
-"""Second limit for failed estimates; see `_LOST_WIDTHS` [Cramer-Rao bounds]."""
+"""Second limit for the error of a failed estimate [Cramer-Rao bounds]; see `_LOST_WIDTHS`."""
 _QUANTILE = 0.975
 """Probability below the upper end of a 95 % interval [1]."""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """Estimate of a wall. Quantities that the estimator does not provide are NaN or None."""
+    """Estimate of a wall; some estimators provide no `margin` (NaN) or no `leg` (None)."""
 
     position: float
     """Wall position [rotor spacings]."""
     margin: float = math.nan
     """Half the width of the stated 95 % interval [rotor spacings]."""
     leg: int | None = None
-    """Leg of the orbit: the number of the passage from edge to edge."""
+    """Leg of the orbit (passage of the wall from edge to edge) on which the wall is."""
 
 
 @dataclass(frozen=True)
@@ -60,14 +59,14 @@ class EstimatorTrial:
     noise: float
     """Standard deviation of the noise of each angle [rad]."""
     coarse_start: float
-    """Largest error of the initial guess for a fit [rotor spacings]."""
+    """Largest error of the guess from which a fit starts [rotor spacings]."""
     cold_every: int
-    """The slow search without a guess is tested only in one of this number of frames [1]."""
+    """The search without a guess is slow, so it is tested only on every `cold_every`-th frame
+    [1]."""
 
 
 Estimator = Callable[[UniformOrbit, Array, float], Estimate]
-"""Estimator: function of the orbit, the angles [rad], shape (N,), and a guess of the arc length
-[rad]."""
+"""Function of the orbit, the angles [rad], shape (N,), and a guess of the arc length [rad]."""
 
 
 def bound(chain: Chain, noise: float) -> float:
@@ -82,7 +81,7 @@ def inner_positions(chain: Chain) -> tuple[float, float]:
 
 
 def estimators_of(chain: Chain) -> dict[str, Estimator]:
-    """Return the estimators for a chain by name; `SHIFTED_CROSSING` is for spinners only."""
+    """Return the estimators by name; `SHIFTED_CROSSING` is omitted if the chain is no spinner."""
     omitted = () if chain.motion is Motion.SPINNER else (SHIFTED_CROSSING,)
     return {name: each for name, each in ESTIMATORS.items() if name not in omitted}
 
@@ -90,12 +89,12 @@ def estimators_of(chain: Chain) -> dict[str, Estimator]:
 def errors(
     chain: Chain, trial: EstimatorTrial, generator: np.random.Generator
 ) -> dict[str, Array]:
-    """Return the error and the margin of each estimator in each tested frame [rotor spacings].
+    """Return error and margin [rotor spacings] of each estimator in the frames of its test.
 
-    Each array has shape (tested frames, 2). A margin is half the width of the stated 95 %
-    interval. Walls are at random positions within `inner_positions`, on random legs. The error is
-    NaN if the estimator finds no wall or several walls, a wrong leg, or a position whose error
-    exceeds both two wall widths and six Cramer-Rao bounds.
+    Each array has shape (frames, 2). A margin is half the width of the stated 95 % interval. The
+    true walls are at random positions within `inner_positions`, on random legs. The error is NaN
+    if the estimator finds no wall, several walls or a wrong leg, or if its error exceeds both two
+    wall widths and six Cramer-Rao bounds.
     """
     orbit = orbit_of(chain)
     widths = _LOST_WIDTHS * chain.wall_width / chain.spacing
@@ -119,11 +118,11 @@ def errors(
 
 
 def bias_by_position(chain: Chain, points: int) -> tuple[Array, dict[str, Array]]:
-    """Return the errors of each estimator without noise, at positions that cover two spacings.
+    """Return the error of each estimator without noise, at positions that cover two spacings.
 
-    Returns the distances of the walls from an even rotor, and the errors by estimator. All arrays
-    have shape (points,) and the unit [rotor spacings]. The walls are computed by `static_wall`,
-    independently of the orbit.
+    Returns the distances of the walls from the same even rotor, and the errors by estimator name.
+    All arrays have shape (points,) and the unit [rotor spacings]. The walls are computed by
+    `static_wall`, independently of the orbit.
     """
     orbit = orbit_of(chain)
     rotor = 2 * (chain.number_of_rotors // 4)
@@ -154,7 +153,6 @@ def _tanh_fit(orbit: UniformOrbit, angles: Array, _guess: float) -> Estimate:
 
 
 def _orbit_estimate(orbit: UniformOrbit, fit: NearestPoint) -> Estimate:
-    """Return the estimate of a fit to the orbit; its margin is from Student's t distribution."""
     freedom = len(orbit.segment(fit.arc).angles) - 1
     deviation = fit.misfit / math.sqrt(fit.information) / orbit.site_arc
     margin = float(stdtrit(freedom, _QUANTILE)) * deviation

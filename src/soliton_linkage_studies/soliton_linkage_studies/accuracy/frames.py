@@ -27,11 +27,11 @@ from soliton_linkage_studies.accuracy.statistics import Line, accuracy_of, write
 from soliton_linkage_studies.settings import Section, chain_from
 
 _CHUNK = 250
-"""Number of frames per task [1], which takes about a second; other numbers draw other frames."""
+"""Number of frames per task [1], for about one second; changing it changes the random frames."""
 _QUICK_FRAMES = 400
 """Largest number of frames per chain and noise in a quick study [1]."""
 _POINTS = 81
-"""Number of wall positions [1]: the ends of 40 intervals in each of two rotor spacings."""
+"""Number of evenly spaced wall positions [1] at which the bias is computed."""
 
 
 @dataclass(frozen=True)
@@ -42,11 +42,11 @@ class FrameStudy:
     noises: tuple[float, ...]
     """Tested standard deviations of the noise of each angle [rad]."""
     trial: EstimatorTrial
-    """Parameters of the tested frames, the same for each chain and noise."""
+    """Parameters of the tested frames; the noise is replaced by each of `noises`."""
     seed: int
 
     def tasks(self) -> list[Callable[[], Any]]:
-        """Return the tasks: first the errors in chunks of frames, then the bias of each chain."""
+        """Return the tasks: first a chunk of frames each, then the bias of one chain each."""
         cells = product(range(len(self.chains)), range(len(self.noises)), range(self._chunks))
         return [
             *(partial(self.sample, *numbers) for numbers in cells),
@@ -62,14 +62,14 @@ class FrameStudy:
         draw_bias(biases).save(folder, 'bias_by_position')
 
     def sample(self, chain: int, noise: int, chunk: int) -> dict[str, Array]:
-        """Return error and margin of each estimator in each frame of a chunk [rotor spacings]."""
+        """Return `errors` for a chunk; the arguments are indices of chain, noise and chunk."""
         frames = min(_CHUNK, self.trial.frames - chunk * _CHUNK)
         trial = replace(self.trial, frames=frames, noise=self.noises[noise])
         generator = np.random.default_rng([self.seed, chain, noise, chunk])
         return errors(self.chains[chain], trial, generator)
 
     def lines(self, samples: Sequence[dict[str, Array]]) -> list[Line]:
-        """Return the table rows; samples are ordered by chain, then by noise, then by chunk."""
+        """Return the table rows from the results of `sample`, in the order of `tasks`."""
         lines = []
         cells = list(product(self.chains, self.noises))
         for cell, (chain, noise) in enumerate(cells):

@@ -63,7 +63,7 @@ _OFFSET = 0.15
 _SIGNIFICANT = 3.0
 """Biases above this count as nonzero [standard errors]; 0.3 % of unbiased cases exceed it."""
 _UNBIASED = 0.002
-"""Absolute bias below which an estimator counts as unbiased [rotor spacings]."""
+"""An estimator counts as unbiased if its absolute bias is below this [rotor spacings]."""
 _LEAST_BIAS = 1e-5
 """Lower limit of the bias axis [rotor spacings]."""
 _ROUNDING = 1e-12
@@ -157,7 +157,6 @@ def _dress(column: Sequence[Axes], noise: float, names: Sequence[str]) -> None:
 
 
 def _dashes(name: str) -> Literal['-', ':']:
-    """Return a dotted style for the search without a guess, to keep the line below visible."""
     return ':' if name == ORBIT_COLD else '-'
 
 

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measure errors of estimators, and check the standard deviations that the analyser states.
 
-The study compares the errors of estimators with the Cramer-Rao bound, and the contraction of walls
-with theory. In test cells, it compares the errors of the analyser with the stated standard
-deviations. It measures the errors after a million steps of rigid bars. The results depend only on
-the settings and the seed of the cells, not on the number of processes or on interruptions.
+The errors of estimators are compared with the Cramer-Rao bound, the contraction of walls with
+theory, and the errors of the analyser in test cells with its stated standard deviations. Rigid
+bars are simulated for a million steps. The results depend only on the settings and the seed of the
+cells, not on the number of processes or on interruptions.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class AccuracyPart(Protocol):
     """Independent part of the study, with its own section in the settings file."""
 
     def tasks(self) -> list[Callable[[], Any]]:
-        """Return the measurements as tasks that other processes can run."""
+        """Return the measurements as tasks, each of which another process can run."""
 
     def write(self, results: Sequence[Any], folder: Path) -> None:
         """Write tables and pictures; `results` are the results of the tasks in order."""
@@ -97,7 +97,6 @@ def read_parts(
 
 
 def _measure(parts: Sequence[AccuracyPart], folder: Path, workers: int) -> None:
-    """Run the tasks of all parts in random order; the shown remaining time is then realistic."""
     tasks = [task for part in parts for task in part.tasks()]
     order = np.random.default_rng(0).permutation(len(tasks)).tolist()
     done = run_parallel('accuracy', {number: tasks[number] for number in order}, workers)

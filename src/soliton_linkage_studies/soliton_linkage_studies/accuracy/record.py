@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Errors of the recursive estimator as a function of the number of frames, at constant velocity.
+"""Errors of the recursive estimator of a wall at constant velocity, after n frames.
 
-The bounds follow from the variances of the last value and of the slope of a line that is fitted to
-the positions in n frames of period dt. A position has the variance s^2 = (sigma / Lambda)^2, for
-the angle noise sigma and the arc length Lambda per rotor spacing. The variance of the position in
-the last frame is at least 2 (2 n - 1) / (n (n + 1)) s^2, and the variance of the velocity at least
-12 / (n (n^2 - 1) dt^2) s^2.
+Each of the n frames, of period dt, gives a wall position of variance s^2 = (sigma / Lambda)^2 with
+the angle noise sigma and the arc length Lambda per rotor spacing. The bounds are the variances of
+a line that is fitted to these positions: 2 (2 n - 1) / (n (n + 1)) s^2 for the position in the
+last frame, and 12 / (n (n^2 - 1) dt^2) s^2 for the velocity.
 """
 
 from __future__ import annotations
@@ -37,13 +36,13 @@ Relative error of the velocity. Blue lines are root mean squares over {runs} run
 are the standard deviations stated by the estimator. Dotted black lines are the Cramér-Rao bound.
 """
 _CLEAR = 8.0
-"""Smallest distance of the path of a wall from the edges of a long chain [rotor spacings]."""
+"""The wall keeps this distance from both edges [rotor spacings], or less in a short chain."""
 _QUICK_RUNS = 4
 """Largest number of runs per chain in a quick study [1]."""
 _SHOWN = 60
-"""Largest number of frame counts at which errors are evaluated [1]; equal counts are merged."""
+"""Largest number of frame counts n at which errors are evaluated [1]."""
 _FEWEST = 3
-"""Smallest evaluated frame count [1]; a line through two frames has no residuals."""
+"""Smallest frame count n at which errors are evaluated [1]: three, for a line with a residual."""
 _QUANTITIES = ('position [rotor spacings]', 'velocity, relative')
 
 
@@ -65,7 +64,7 @@ class RecordStudy:
 
     @property
     def shown(self) -> Array:
-        """Frame counts at which errors are evaluated, evenly spaced on a logarithmic scale."""
+        """Frame counts n at which errors are evaluated, evenly spaced on a logarithmic scale."""
         return np.unique(np.geomspace(_FEWEST, self.frames, _SHOWN).round().astype(np.int64))
 
     def tasks(self) -> list[Callable[[], Any]]:
@@ -90,8 +89,7 @@ class RecordStudy:
         """Simulate a run; return errors and stated deviations, shape (4, evaluated frame counts).
 
         The rows are the position error [rotor spacings], the relative velocity error [1], and the
-        stated standard deviations of both. The wall moves on a random leg of the orbit. Its path
-        is eight or more rotor spacings away from both edges if the chain is long enough.
+        stated standard deviations of both.
         """
         # This import is slow, and the other parts of the command do not need it.
         from soliton_linkage.estimation.orbit_filter import OrbitFilter
@@ -122,7 +120,7 @@ class RecordStudy:
         return orbit.arc_at(ahead if leg % 2 == 0 else last - ahead, leg)
 
     def bounds(self, chain: Chain) -> tuple[Array, Array]:
-        """Return lower bounds of the errors: position [rotor spacings], relative velocity [1]."""
+        """Return bounds of the rms errors: position [rotor spacings], relative velocity [1]."""
         n = self.shown.astype(np.float64)
         single = bound(chain, self.noise)
         of_position = single * np.sqrt(2 * (2 * n - 1) / (n * (n + 1)))

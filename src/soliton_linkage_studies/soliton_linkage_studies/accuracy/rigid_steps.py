@@ -34,13 +34,13 @@ _POINTS = 60
 _QUICK_STEPS = 1000
 """Largest number of steps in a quick study [1]."""
 _PERIOD = 0.1
-"""Frame period [time units]; it does not affect the steps, which depend on the tolerance."""
+"""Frame period [time units]; it does not change the solver steps."""
 _QUANTITIES = ('length', 'energy')
 
 
 @dataclass(frozen=True)
 class RigidSteps:
-    """Study of the errors after many steps: chains, initial speed, gravity and number of steps."""
+    """Study of the errors after many steps of chains that swing under gravity."""
 
     chains: tuple[Chain, ...]
     steps: int
@@ -78,7 +78,7 @@ class RigidSteps:
     def errors(self, chain: Chain) -> tuple[Array, Array, Array]:
         """Simulate a chain; return step counts, errors of bar lengths and errors of the energy.
 
-        Each error is the largest one since the previous step count.
+        Each error is the largest one after the previous step count.
         """
         angles = chain.uniform_state(-1)
         rates = self.speed / chain.time_unit * mode_towards_last(chain, angles)

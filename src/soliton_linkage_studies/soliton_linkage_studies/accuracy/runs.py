@@ -33,8 +33,8 @@ from soliton_linkage_studies.settings import Section
 from soliton_linkage_studies.sweep.table import fingerprint
 
 _LOST_WIDTHS = 2.0
-"""A true wall counts as lost if no reported wall is nearer than the largest of this distance [wall
-widths], `_LOST` and `_LOST_DEVIATIONS`."""
+"""A true wall is lost if the nearest reported wall is farther than this [wall widths], than
+`_LOST` and than `_LOST_DEVIATIONS`."""
 _LOST = 1.0
 """See `_LOST_WIDTHS` [rotor spacings]."""
 _LOST_DEVIATIONS = 6.0
@@ -42,20 +42,20 @@ _LOST_DEVIATIONS = 6.0
 _LARGEST_DEVIATION = 0.25
 """A reported wall is false if its stated position deviation is above this [chain lengths]."""
 _FALSE_MISFIT = 0.5
-"""In a scene without walls, a wall is false if the rms misfit near it is above this [rad]."""
+"""In a scene without walls, a reported wall is false if its rms misfit is above this [rad]."""
 _CORE = 2.5
-"""Rotors within this distance of a wall count as near it [rotor spacings]."""
+"""The misfit of a reported wall is computed from rotors within this distance [rotor spacings]."""
 _SCENES = 8
-"""Largest number of simulated scenes per cell [1]; a record is a random piece of one of them."""
+"""Largest number of simulated scenes per cell [1]; a record is a random part of one of them."""
 _LONGER = 2
 """Number of frames of a scene, divided by the number of frames of a record [1]."""
 _NEAR = 3.0
-"""With a probability of one half, the wrong reading is at most this far from the wall [rotor
-spacings]; otherwise it is at any rotor."""
+"""The wrong reading is, with probability 1/2, at most this far from the wall [rotor spacings];
+otherwise it is at a random rotor."""
 
 
 def records(cell: AccuracyCell, frames: int, random: np.random.Generator) -> Iterator[Scores]:
-    """Simulate and analyse records with `frames` frames in total; yield the scores of each one."""
+    """Simulate and analyse records with `frames` frames in total; yield the scores of each."""
     run = min(cell.run, frames)
     left, template = frames, Analyser(cell.analysed_chain)
     scenes: list[WallScene] = []
@@ -80,7 +80,7 @@ def record(
     frames: range,
     random: np.random.Generator,
 ) -> Scores:
-    """Analyse `frames` of `scene` with a copy of `template`, a new analyser; return the scores."""
+    """Analyse `frames` of `scene` with a copy of the unused analyser `template`; return scores."""
     analyser, scores = deepcopy(template), Scores()
     if scene.charges:
         sound = speed_of_sound(cell.chain) / cell.chain.spacing
@@ -224,7 +224,7 @@ _QUICK_CELLS = 15
 
 @dataclass(frozen=True)
 class CellStudy:
-    """Study of the analyser on random and difficult cells (`AccuracyCell`), or those in `only`."""
+    """Study of the analyser on random and difficult cells, or on those of them named in `only`."""
 
     seed: int
     count: int
@@ -250,7 +250,7 @@ class CellStudy:
         return len(self.all)
 
     def cells(self, row: int) -> list[str]:
-        """Measure the cell of a row; return its columns as text, the last one an error message."""
+        """Measure the cell of a row; return its columns, the last one empty or an error text."""
         cell = self.all[row]
         line: dict[str, float] = {}
         failure = ''

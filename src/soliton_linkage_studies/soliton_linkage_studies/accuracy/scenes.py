@@ -4,11 +4,10 @@
 The position of a wall in a frame is that of the nearest static wall. It is averaged over the
 shorter of two times: a period of the slowest phonon, and the time in which the wall moves by one
 rotor spacing. The velocity is the slope of a line that is fitted to the positions in a time three
-times as long. A cubic replaces the line for slow walls, whose speed varies between rotors, for
-damped chains, and for chains with force terms. In chains with force terms, the cubic is fitted to
-a time six times that of the average, so that it does not follow the variation of the speed between
-rotors, and its acceleration corrects the error of the average. Near the start or the stop of a
-wall in these chains, position and velocity are not averaged. No average extends across an impulse.
+times as long. A cubic replaces the line in three cases: walls so slow that their speed varies
+between rotors, damped chains, and chains with force terms. With force terms, the time of the fit
+is six times that of the average, the acceleration of the cubic corrects the average, and there is
+no averaging near the start or the stop of a wall. No average extends across an impulse.
 """
 
 from __future__ import annotations
@@ -45,38 +44,38 @@ from soliton_linkage_studies.accuracy.walls import (
 )
 
 _SLOW = 0.25
-"""A wall is slow if it moves by less than this per period of the slowest phonon [spacings]."""
+"""A wall is slow if it moves by less than this in a period of the slowest phonon [spacings]."""
 _SETTLED = (20, 400)
 """Range of the number of frames between a kick and the start of a scene [1]."""
 # Scenes with one wall:
 _FROM_EDGE = 1.0
-"""Smallest distance of a scored wall from an edge [rotor spacings], because edges absorb walls."""
+"""A moving wall is not scored nearer to an edge than this [rotor spacings]; edges absorb walls."""
 _BEGIN = 2.0
-"""Smallest distance between a wall and an edge in the initial state [rotor spacings]."""
+"""Smallest distance of a moving wall from both edges at the start [rotor spacings]."""
 _SAMPLES = 200
-"""Number of orbit samples near the first edge [1] that are compared with the rest state."""
+"""Number of orbit points near the first edge [1] that are compared with the rest state."""
 _LEGS = 2.0
-"""Longest path of a wall from its kick to the start of the scene [edge-to-edge passages]."""
+"""Longest random path of a kicked wall before the scene starts [edge-to-edge passages]."""
 _WINDOWS, _FORCED_WINDOWS = 3, 6
-"""Length of the window for the fit of a slope, divided by the length of the averaging window [1];
-`_FORCED_WINDOWS` applies to chains with further force terms."""
+"""Length of the window for the fit of a slope / length of the averaging window [1]; the second
+value is for chains with force terms."""
 _STOPPED = 0.02
 """A wall counts as stopped if its speed is below this fraction of its largest speed [1]."""
 _CHAINS = 200
-"""Largest number of disordered chains that are drawn until one lets a wall pass [1]."""
+"""Largest number of random chains that are drawn until a wall can pass through one [1]."""
 _IMPULSE_REACH = 1.5
 """Largest distance between the wall and a rotor that receives an impulse [rotor spacings]."""
 # Scenes with several walls:
 _FEWEST = 20
 """Smallest number of frames of a scene with several walls [1]."""
 _DRAWS = 20
-"""Largest number of scenes that are drawn until walls stay intact and apart [1]."""
+"""Largest number of scenes that are drawn until the walls of one stay intact and apart [1]."""
 _SLOWER = 0.7
-"""Initial speed of anti-kinks in a further draw of a scene, relative to the previous one [1]."""
+"""Factor of the initial speed of anti-kinks from one draw of a scene to the next draw [1]."""
 _JITTER = 0.05
-"""Largest random shift of an initial wall position, divided by the distance between walls [1]."""
+"""Largest random shift of a wall from its regular initial position [distances between walls]."""
 _CORE = 3.0
-"""Rotors within this distance of a wall show whether it is intact [rotor spacings]."""
+"""A wall is intact if the rotors within this distance of it form a wall [rotor spacings]."""
 
 
 @dataclass(frozen=True)
@@ -95,19 +94,19 @@ class WallScene:
     """Velocities of the walls [rotor spacings / s], shape (T, K)."""
     charges: tuple[int, ...]
     legs: Array
-    """Leg of the wall (number of its passage from edge to edge), shape (T,); -1 unless K = 1."""
+    """Number of the wall's passage from edge to edge, shape (T,); -1 unless K = 1."""
     scored: NDArray[np.bool_]
     """Whether a wall is scored, shape (T, K); walls near an edge are not."""
     impulse_frames: tuple[int, ...] = ()
     """Index of the first frame after each impulse."""
     impulses: tuple[Array, ...] = ()
-    """Angular impulses on the rotors [N m s], shape (N,), for each element of `impulse_frames`."""
+    """Angular impulses of all rotors [N m s], shape (N,), for each element of `impulse_frames`."""
 
 
 def scene_of(
     cell: AccuracyCell, frames: int, random: np.random.Generator, impulse_count: int = 0
 ) -> WallScene:
-    """Simulate `frames` frames, or fewer if walls meet; only a single wall receives impulses."""
+    """Simulate `frames` frames, or fewer if walls meet; impulses act only on a single wall."""
     chain = cell.chain
     if cell.noise_only:
         angles = random.uniform(-math.pi, math.pi, (frames, chain.number_of_rotors))
@@ -149,14 +148,14 @@ def averages_and_slopes(
 ) -> tuple[Array, Array]:
     """Return a moving average and a slope for each value.
 
-    The average includes the value at the same index, `beside` values before it and `beside` values
-    after it. The slope is that of a line (of a cubic if `cubic` is true) fitted to 3 `beside`
-    values before and after. No average and no fit extends across an index in `breaks`. If the
-    values have the second derivative x'' with respect to the index, the average over 2 b + 1
-    values, with b = `beside`, is too large by x'' b (b + 1) / 6. If `forced` is true, which
-    requires `cubic`, this error is subtracted and the cubic is fitted to 6 `beside` values before
-    and after. Near a start or stop of the wall, values and their differences then replace averages
-    and slopes.
+    The average is over 2 b + 1 values around each index, with b = `beside`. The slope is that of a
+    line (of a cubic if `cubic` is true) fitted to 3 b values before and 3 b values after the
+    index. No average and no fit extends across an index in `breaks`.
+
+    If the values have the second derivative x'' with respect to the index, the average is too
+    large by x'' b (b + 1) / 6. `forced`, which requires `cubic`, subtracts this error and doubles
+    the length of the fit. Near a start or stop of the wall, `forced` also replaces the average by
+    the value itself, and the slope by half the difference of both neighbours.
     """
     means, slopes = np.empty_like(values), np.empty_like(values)
     for begin, end in pairwise([0, *(breaks or []), len(values)]):
@@ -178,7 +177,7 @@ def averages_and_slopes(
 
 
 def _near_stop(values: Array, beside: int) -> tuple[NDArray[np.bool_], Array]:
-    """For each value, return whether the wall starts or stops near it, and the slope there."""
+    """Return whether the wall starts or stops near each value, and the slope at each value."""
     differences = np.gradient(values)
     still = np.abs(differences) < _STOPPED * np.abs(differences).max()
     window = 2 * beside + 1
@@ -188,7 +187,6 @@ def _near_stop(values: Array, beside: int) -> tuple[NDArray[np.bool_], Array]:
 
 
 def _convolved(values: Array, weights: Array) -> Array:
-    """Convolve values with weights; the values are extended by odd reflection at both ends."""
     beside = len(weights) // 2
     if not beside:
         return np.asarray(weights[0] * values)
@@ -201,10 +199,10 @@ def _convolved(values: Array, weights: Array) -> Array:
 @dataclass(frozen=True)
 class _Start:
     springs: Springs
-    """Simulation of the chain with its random deviations, at the start of the scene."""
+    """Simulation at the start of the scene; its chain includes the random deviations."""
     orbit: Orbit
     arc: float
-    """Approximate arc length of the wall along its orbit [rad]."""
+    """Approximate arc length of the orbit at the wall [rad]."""
     speed: float
     """Speed of the wall [rotor spacings / s]."""
 
@@ -295,7 +293,7 @@ def _started(cell: AccuracyCell, random: np.random.Generator) -> _Start:
 
 
 def _nudged(cell: AccuracyCell, orbit: Orbit, random: np.random.Generator) -> _Start:
-    """Kick a wall off the first edge; simulate a random time, up to two edge-to-edge passages."""
+    """Kick a wall off the first edge, and simulate up to two passages from edge to edge."""
     chain = cell.chain
     left = chain.uniform_state(1) + math.pi
     angles = left if chain.motion is Motion.SPINNER else chain.uniform_state(-1)
@@ -325,10 +323,6 @@ def _apply_impulse(
 
 
 def _orbit(cell: AccuracyCell, random: np.random.Generator) -> Orbit:
-    """Return the orbit of the chain of a cell, with random deviations if the cell has disorder.
-
-    Raises ArithmeticError if all drawn chains block walls.
-    """
     if not cell.disorder:
         return _uniform_orbit(cell.chain)
     for _ in range(_CHAINS):
@@ -351,7 +345,6 @@ def _uniform_orbit(chain: Chain) -> Orbit:
 
 
 def _several_walls(cell: AccuracyCell, frames: int, random: np.random.Generator) -> WallScene:
-    """Simulate walls until two meet or one breaks; raise ArithmeticError if this is too early."""
     for draw in range(_DRAWS):
         begins = 1 if random.integers(2) else -1
         charges = tuple(begins * (-1) ** number for number in range(cell.walls))

@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Integrator of elastic chains that is independent of the simulator.
+"""Integrator of elastic chains that shares only the geometry of a spring with the simulator.
 
-The two integrators share only the geometry of a spring. This integrator is Suzuki's symplectic
-composition of five leapfrog steps; its order is 4. With angles x, rates v, torques F, moments of
-inertia I and the step h,
+Each step of length h is Suzuki's symplectic composition of order 4, of five leapfrog steps. With
+angles x, rates v, torques F and moments of inertia I, these are
 
-    x += w h v / 2,  v += w h F(x) / I,  x += w h v / 2  for w = p, p, 1 - 4 p, p, p,
+x += w h v / 2,  v += w h F(x) / I,  x += w h v / 2  for w = p, p, 1 - 4 p, p, p,
 
 with p = 1 / (4 - 4^(1/3)).
 """
@@ -28,7 +27,7 @@ _spring = compile_loop(spring_between, inlined=True)
 _STEP = 0.1
 """Largest step [time units]; the energy of a wall at v = 0.9 c is then constant to 1e-6."""
 _TOLERANCE = 1e-8
-"""Largest integration error of an angle per step of the simulator [rad], far below the noise."""
+"""Largest integration error of an angle per step of `ForcedSprings` [rad], far below the noise."""
 _SHARE = 1 / (4 - 4 ** (1 / 3))
 """Weight p of a leapfrog step [1]."""
 _WEIGHTS = np.array([_SHARE, _SHARE, 1 - 4 * _SHARE, _SHARE, _SHARE])
@@ -48,7 +47,7 @@ class Springs:
         self._lengths, self._inertias = chain.rotor_lengths, chain.moments_of_inertia
 
     def advance(self, damping: Array | None = None) -> None:
-        """Advance by one frame period, with decay rates `damping` [1/s], shape (N,)."""
+        """Advance by one frame period; the rates decay at `damping` [1/s], shape (N,)."""
         step = self.period / self._steps
         kept = np.ones(len(self.angles)) if damping is None else np.exp(-damping * step)
         given = (self._lengths, self._inertias, self._bonds, kept)
@@ -67,7 +66,7 @@ class Springs:
 
 
 class ForcedSprings(Springs):
-    """Elastic chain with force terms, which the independent integrator does not support."""
+    """Chain with force terms; this module cannot integrate them, so that the simulator is used."""
 
     def __init__(self, chain: Chain, angles: Array, rates: Array, period: float) -> None:
         super().__init__(chain, angles, rates, period)
@@ -76,8 +75,8 @@ class ForcedSprings(Springs):
     def advance(self, damping: Array | None = None) -> None:
         """Advance by one frame period.
 
-        If the caller has changed the attribute `rates`, the change acts as an impulse. `damping`
-        must be None, because the chain contains the damping.
+        A change of the attribute `rates` by the caller acts as an impulse. `damping` must be None,
+        because the chain contains the damping.
         """
         assert damping is None
         simulation = self._simulation

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Error statistics of estimators and analyser cells, and comparison of two cell tables."""
+"""Error statistics of estimators and of test cells, and comparison of two cell tables."""
 
 from __future__ import annotations
 
@@ -25,19 +25,29 @@ COLUMNS = (
     *('rate_coverage_1', 'rate_coverage_2', 'rate_bias', 'kinetic_rms', 'error_rms'),
     *('deviation_median', 'shift_max', *_FAILURES),
 )
-"""Measured columns of a cell. `speed` is that of the fastest wall [speed of sound]. `position` and
-`rate` are errors divided by their stated standard deviations. Their columns are the root mean
-square (`rms`), its standard error (`rms_error`), the 99 % quantile (`99`) and the maximum (`max`)
-of the absolute value, the fractions above 4 (`beyond_4`) and below 1 and 2 (`coverage`) [%], and
-the mean (`bias`). `instant` refers to the true position without an average over time. `error_rms`
-is the rms position error, and `deviation_median` the median of the stated standard deviation of
-the position [rotor spacings]. `shift_max` is the largest shift of a wall by a wrong reading, in
-stated standard deviations. `lost` and `false` count walls, and `wrong_leg` counts frames."""
+"""Columns that are measured for a test cell (`AccuracyCell`).
+
+`speed` is that of the fastest wall [speed of sound]. Columns that begin with `position`, `rate` or
+`kinetic` are statistics of the error of wall position, wall velocity or kinetic energy, divided by
+its stated standard deviation; `instant_rms` uses the wall position without an average over time.
+
+`rms` is the root mean square and `rms_error` its standard error; `99` and `max` are the 99 %
+quantile and the maximum of the absolute value; `beyond_4`, `coverage_1` and `coverage_2` are the
+fractions of absolute values above 4, below 1 and below 2 [%]; `bias` is the mean.
+
+`error_rms` is the rms position error and `deviation_median` the median of its stated standard
+deviation [rotor spacings]. `shift_max` is the largest shift of a position by a wrong reading,
+divided by the stated standard deviation. `lost` and `false` are numbers of walls, and `wrong_leg`
+is a number of frames.
+"""
 
 WALL_VALUES = ('position', 'instant', 'rate', 'error', 'deviation', 'rate_error')
-"""Values of each found wall. `position`, `instant` and `rate` are errors divided by their stated
-standard deviations [1]. `error` is the position error and `deviation` its stated standard
-deviation [rotor spacings]. `rate_error` is the relative error of the rate [1]."""
+"""Values of each found wall; the first three are divided by their stated standard deviations.
+
+They are the error of the position averaged over time, of the position at this instant and of the
+velocity [1]; then the position error and its stated standard deviation [rotor spacings], and the
+relative error of the velocity [1].
+"""
 
 _COLUMNS = (
     *('class', 'r/a', 'rest angle [rad]', 'noise [rad]', 'estimator', 'frames'),
@@ -45,18 +55,19 @@ _COLUMNS = (
     *('bound [spacings]', 'std / bound', 'coverage of 95 % [%]', 'failures'),
 )
 _CONSISTENT = (0.95, 1.05)
-"""Stated deviations are consistent if the rms normalised error is in this range [1]."""
+"""Stated deviations count as consistent if the rms normalised error is in this range [1]."""
 _SIGNIFICANT = 3.0
-"""Significant differences are above this [standard errors]; 1 of 400 is larger at random."""
+"""A difference is significant if it is above this [standard errors]; by chance 1 of 400 is."""
 _SINGLE_RECORD = 0.3
-"""Assumed relative standard error of a root mean square from a single record [1]."""
+"""Assumed relative standard error of a root mean square over a single record [1]."""
 _LARGER = 1.1
 """An error counts as larger than that in the earlier table if their ratio is above this [1]."""
 _USEFUL = 2.0
-"""Stated positions are useful if the root mean square normalised error is below this [1]."""
+"""Position errors are compared only if their normalised rms was below this in the earlier
+table."""
 _FEWER = 0.01
-"""Position errors are not compared with the earlier table if the lost walls per frame have
-decreased by more than this [1], because the new errors then include these walls."""
+"""Position errors are not compared if the fraction of lost walls has decreased by more than this
+[1], because the new errors include the walls that were lost before."""
 _ERRORS = ('position_rms', 'position_rms_error', 'rate_rms', 'rate_rms_error', 'error_rms')
 _COMPARED = (*_ERRORS, *_FAILURES, 'frames', 'failure', 'position_beyond_4', 'walls_looked_for')
 
@@ -77,7 +88,7 @@ class Scores:
     kinetic: list[float] = field(default_factory=list)
     """Errors of the kinetic energy, divided by their stated standard deviations [1]."""
     shifts: list[float] = field(default_factory=list)
-    """Shifts of positions by a wrong reading, divided by the stated standard deviation [1]."""
+    """Shifts of the position by the wrong reading, divided by its stated deviation [1]."""
     speed: float = 0.0
     """Speed of the fastest wall of the scene [speed of sound]."""
     frames: int = 0
@@ -89,7 +100,7 @@ class Scores:
 
 
 def line_of(scores: Sequence[Scores]) -> dict[str, float]:
-    """Return the columns of a cell from the scores of its records."""
+    """Return the values of `COLUMNS` from the scores of all records of a cell."""
     found = [np.array(each.walls).reshape(-1, len(WALL_VALUES)) for each in scores]
     line = {'speed': float(np.median([each.speed for each in scores]))}
     for name in ('frames', 'walls_looked_for', *_FAILURES):
@@ -108,7 +119,7 @@ def line_of(scores: Sequence[Scores]) -> dict[str, float]:
 def _normalised(name: str, errors: list[Array]) -> dict[str, float]:
     """Return the columns of normalised errors; `errors` has one array per record.
 
-    The standard error of the root mean square is computed by a jackknife over records, because the
+    The standard error of the root mean square is a jackknife estimate over records, because the
     frames of a record are correlated.
     """
     pieces = [_finite(each) for each in errors]
@@ -151,8 +162,8 @@ def _finite(values: Array) -> Array:
 class Accuracy:
     """Accuracy of an estimator over many frames.
 
-    Bias, standard deviation and coverage include only frames without failure. These values are NaN
-    for fewer than two such frames.
+    Bias, standard deviation and coverage exclude the frames in which the estimator failed. They
+    are NaN if fewer than two frames remain.
     """
 
     frames: int
@@ -241,7 +252,7 @@ def check_comparable(cells: Sequence[AccuracyCell], seed: int, earlier: Sequence
 
 
 def worse_cells(rows: Sequence[Row], earlier: Sequence[Row]) -> list[str]:
-    """Compare the cells of two tables; return a summary and a line for each cell that is worse."""
+    """Compare two tables; return a summary, and one line for each cell that has become worse."""
     before = {_key(row): row for row in earlier}
     both = [(row, before[_key(row)]) for row in rows if _key(row) in before]
     worse = [
@@ -280,9 +291,9 @@ def _less_consistent(name: str, row: Row, old: Row, useful: bool) -> list[str]:
 
 
 def _more_failures(name: str, row: Row, old: Row) -> list[str]:
-    """Return one line if failures `name` are significantly more frequent than in the old row.
+    """Return one line if failures `name` are significantly more frequent than in `old`.
 
-    If `name` is 'lost', position errors above 4 stated standard deviations also count.
+    Position errors above 4 stated standard deviations count as 'lost', too.
     """
     share, earlier = _rate(row, name), _rate(old, name)
     misplaced = _large_errors(row), _large_errors(old)

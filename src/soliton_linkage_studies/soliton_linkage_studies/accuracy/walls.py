@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""True positions of walls in noiseless frames, from the static wall nearest to each frame.
+"""True positions of walls in noiseless frames, each that of the nearest static wall.
 
-The path of a kink, its states at all positions, consists of static walls (`static_wall`), which
-have zero energy. The path of an anti-kink consists of the states of least energy at each position
-(`anti_kink_path`). A pinned anti-kink has only one equilibrium in two spacings
-(`resting_anti_kink`).
+The static walls of a kink (`static_wall`) have zero energy at every position. Those of an
+anti-kink are the states of least energy at each position (`anti_kink_path`). If the anti-kink is
+pinned, it has only one equilibrium per two rotor spacings (`resting_anti_kink`).
 """
 
 from __future__ import annotations
@@ -39,12 +38,12 @@ _CLOSE = 1e-6
 
 
 def reach(chain: Chain) -> float:
-    """Return the distance from a wall [rotor spacings] beyond which it changes angles by < 1 %."""
+    """Return how far a wall extends to each side [rotor spacings], without tails of < 1 %."""
     return 2.5 * max(chain.wall_width, penetration_depth(chain)) / chain.spacing + 3
 
 
 def extent(chain: Chain) -> int:
-    """Return the even number of rotors that a path contains on either side of its wall [1]."""
+    """Return the even number of rotors on either side of the wall in a `WallPath` [1]."""
     return 2 * math.ceil((3 * reach(chain)) / 2)
 
 
@@ -52,29 +51,29 @@ def extent(chain: Chain) -> int:
 class WallPath:
     """Static walls of one charge in an infinite chain, at all positions at which a wall can rest.
 
-    A wall is stored as the angles of a window, M successive rotors around the wall. Positions are
-    relative to the first rotor of the window [rotor spacings].
+    A wall is stored as the angles of a window, which are M successive rotors around the wall. The
+    fields give wall positions relative to the first rotor of the window [rotor spacings].
     """
 
     charge: int
     base: int
-    """Lowest wall position of `spline`, which covers two spacings [rotor spacings]."""
+    """First wall position of `spline`, which covers two rotor spacings."""
     spline: CubicSpline | None
-    """Spline from wall position to angles of the window [rad], shape (M,); None if pinned."""
+    """Spline from the wall position to the window angles [rad], shape (M,); None if pinned."""
     resting: Array
     """Angles of the window at `rest_position` [rad], shape (M,)."""
     rest_position: float
-    """Wall position of least energy [rotor spacings]."""
+    """Wall position of least energy."""
     left: Array
     """Angles of an even and an odd rotor far to the left of the wall [rad], shape (2,)."""
 
     @property
     def pinned(self) -> bool:
-        """Whether the wall can rest only at positions two spacings apart."""
+        """Whether the wall has only one rest position per two rotor spacings."""
         return self.spline is None
 
     def window(self, position: float) -> tuple[int, Array, Array]:
-        """Return the first rotor of the window of a wall, the angles in it and their derivatives.
+        """Return the first rotor of the window, its angles and their derivatives.
 
         The angles [rad] and their derivatives with respect to the wall position [rad/spacing] have
         shape (M,).
@@ -95,7 +94,7 @@ class WallPath:
         return self.rest_position + 2 * round((position - self.rest_position) / 2)
 
     def relative_angles(self, rotors: int, position: float) -> Array:
-        """Return the angles relative to the state left of the wall [rad], shape (rotors,)."""
+        """Return the angles minus those of the state left of the wall [rad], shape (rotors,)."""
         first, angles, _ = self.window(position)
         base = np.tile(self.left, len(angles) // 2 + 1)[: len(angles)]
         added = np.zeros(rotors)
@@ -119,8 +118,8 @@ class WallPath:
     def nearest(self, angles: Array, position: float, within: float) -> float:
         """Return the position of the static wall nearest to the angles [rotor spacings].
 
-        The search starts at `position` and uses rotors closer to the wall than `within` [rotor
-        spacings].
+        The search starts at `position`. Only rotors nearer than `within` [rotor spacings] to the
+        wall count.
         """
         if self.pinned:
             return self.nearest_allowed(position)
@@ -135,15 +134,15 @@ class WallPath:
         return position
 
     def misfit(self, angles: Array, position: float, within: float) -> float:
-        """Return the root mean square angle difference from a static wall, near the wall [rad]."""
+        """Return the rms difference between `angles` and a static wall at `position` [rad].
+
+        Only rotors nearer than `within` [rotor spacings] to the wall count.
+        """
         residual, _ = self._near(angles, position, within)
         return math.sqrt(float(residual @ residual) / max(len(residual), 1))
 
     def _near(self, angles: Array, position: float, within: float) -> tuple[Array, Array]:
-        """Return `angles` minus the angles of a static wall, and the derivatives of the latter.
-
-        Both contain only the rotors that are nearer to `position` than `within`.
-        """
+        """Return `angles` minus those of a static wall, and the derivatives of the static wall."""
         first, wall, slope = self.window(position)
         low, high = max(first, 0), min(first + len(wall), len(angles))
         near = np.abs(np.arange(low, high) - position) < within
@@ -152,7 +151,7 @@ class WallPath:
 
 
 def nearest_arc(orbit: Orbit, angles: Array, arc: float) -> float:
-    """Return the arc length [rad] of the orbit point nearest to the angles, from a guess `arc`."""
+    """Return the arc length [rad] of the orbit point nearest to the angles; `arc` is a guess."""
     for _ in range(_GAUSS_STEPS):
         segment = orbit.segment(arc)
         end = segment.first + len(segment.angles)
@@ -167,7 +166,7 @@ def nearest_arc(orbit: Orbit, angles: Array, arc: float) -> float:
 
 @cache
 def wall_path(chain: Chain, charge: int, leg: int = 0) -> WallPath:
-    """Return the path of a wall far from the edges; `leg` is the orbit leg of a spinner's kink."""
+    """Return the static walls of a charge; `leg` is the orbit leg of a kink in a spinner."""
     beside = extent(chain)
     window = replace(chain, number_of_rotors=2 * beside + 3, deviations=NO_DEVIATIONS)
     positions = np.linspace(beside, beside + 2, _SAMPLES)
@@ -189,27 +188,27 @@ def wall_path(chain: Chain, charge: int, leg: int = 0) -> WallPath:
 
 
 _SETTLING = (60.0, 400.0)
-"""Range of the simulated time in which a moving wall loses its phonons [time units]."""
+"""Shortest and longest simulation in which a moving wall loses its phonons [time units]."""
 _ABSORPTION = 0.5
-"""Decay rate of the rotor rates outside a moving wall, to absorb its phonons [1 / time unit]."""
+"""Decay rate of rotors outside a moving wall, which absorbs the phonons [1 / time unit]."""
 _BROKEN = 0.15
-"""Largest misfit of an intact wall, divided by the angle by which a wall turns a rotor [1]."""
+"""A wall is broken if its misfit is above this times the angle by which a wall turns a rotor."""
 _STEP = 0.5
 """Interval between position measurements of a wall that is losing its phonons [time units]."""
 _SLOWER = 0.8
-"""Initial speed of the next wall, divided by that of the previous one, which was destroyed [1]."""
+"""Factor by which the initial speed is reduced after a wall was destroyed [1]."""
 _TRIES = 25
 """Largest number of initial speeds that are tried [1]; the last one is 1 / 200 of the first."""
 
 
 @dataclass(frozen=True)
 class SteadyWall:
-    """Wall that moves without phonons; its difference from a static wall is stored."""
+    """Moving wall without phonons, as its difference from a static wall at the same position."""
 
     position: float
-    """Wall position in the long chain of the simulation [rotor spacings]."""
+    """Wall position in the chain in which the wall was simulated [rotor spacings]."""
     first: int
-    """Rotor of the long chain to which the first elements of `offsets` and `rates` belong."""
+    """Rotor of that chain to which the first element of `offsets` and of `rates` belongs."""
     offsets: Array
     """Angles minus the angles of the static wall [rad], shape (M,)."""
     rates: Array
@@ -228,8 +227,8 @@ def launch_speed(chain: Chain, share: float) -> float:
 def steady_wall(chain: Chain, leg: int, share: float) -> SteadyWall:
     """Return a wall without phonons that moves at the speed `share` [speed of sound].
 
-    If such a wall is unstable, the returned wall has the largest stable speed. Raises
-    ArithmeticError if the wall is destroyed at every speed that is tried.
+    If such a wall is destroyed, slower walls are tried. Raises ArithmeticError if all are
+    destroyed.
     """
     speed = launch_speed(chain, share)
     for _ in range(_TRIES):
@@ -285,9 +284,8 @@ def _positions(
 def add_motion(wall: SteadyWall, shift: int, angles: Array, rates: Array, sense: int) -> None:
     """Add the offsets and rates of `wall`, shifted by `shift` rotors, to `angles` and `rates`.
 
-    `angles` must contain a static wall at the shifted position.
-
-    `sense` is 1 if the wall then moves to the right, and -1 if it moves to the left.
+    `angles` must contain a static wall at the shifted position. The wall moves to the right if
+    `sense` is 1, and to the left if it is -1.
     """
     numbers = np.arange(len(wall.offsets)) + wall.first + shift
     inside = (numbers >= 0) & (numbers < len(angles))
@@ -305,9 +303,6 @@ def left_of(chain: Chain, charge: int) -> Array:
 
 
 def is_broken(path: WallPath, chain: Chain, angles: Array, position: float, within: float) -> bool:
-    """Return whether the rotors near a position do not form a wall at this position.
-
-    The function compares the rotors nearer to `position` than `within` [rotor spacings].
-    """
+    """Return whether the rotors nearer than `within` [spacings] to `position` form no wall."""
     swing = math.pi if chain.motion is Motion.SPINNER else 2 * chain.rest_angle
     return path.misfit(angles, position, within) > _BROKEN * swing

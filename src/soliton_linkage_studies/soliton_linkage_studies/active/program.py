@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Move walls by motors that break reciprocity; compare the motion with theory on one page."""
+"""Move walls by motors with non-reciprocal coupling, and compare their motion with theory."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ _SITE = 'site [rotor spacings]'
 _FRAMES = 600
 """Number of frames of each simulation [1]."""
 _LONGEST = 60.0
-"""Longest duration of a simulation [s]; it limits the simulation of pinned walls."""
+"""Longest duration of a simulation [s]; slow walls would need more time to cross the chain."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ class ActiveStudy:
     ratios: tuple[float, ...]
     """Ratios κ / c at which the terminal velocity is measured [1/s]."""
     decay: float
-    """Decay rate c / (M r^2) of the rotor velocities, in all panels except d [1/s]."""
+    """Decay rate c / (M r^2) of the rotor rates in all panels except d [1/s]."""
     diagram_ratios: tuple[float, ...]
     diagram_decays: tuple[float, ...]
     pair_ratio: float
@@ -265,11 +265,6 @@ def _compare_track(
     track: tuple[Array, Array],
     velocity: float,
 ) -> None:
-    """Draw the theory beside the second half of the track of a wall, and compare the velocities.
-
-    `where` contains the panel and the charge of the wall, `track` the times [s] and the sites
-    [rotor spacings]. `velocity` is the theoretical velocity [rotor spacings/s].
-    """
     tracked = np.flatnonzero(np.isfinite(track[1]))
     times, sites = (each[tracked[len(tracked) // 2 :]] for each in track)
     line = sites.mean() + velocity * (times - times.mean())

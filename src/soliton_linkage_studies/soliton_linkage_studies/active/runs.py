@@ -2,16 +2,16 @@
 """Theory and simulations of walls in chains with non-reciprocal coupling.
 
 A chain with a wall at the site x has the coordinates q(x): q_n = phi_n if `Chain.signs` is +1 for
-the rotor n, and q_n = pi - phi_n if it is -1. The tangent is t = dq/dx. The motors have the
-non-reciprocity kappa. At the terminal velocity, their power equals the power that the linear
-damping c dissipates:
+the rotor n, and q_n = pi - phi_n if it is -1. The tangent is t = dq/dx. At the terminal velocity
+x_dot, the power of motors with the non-reciprocity kappa equals the power that the linear damping
+c dissipates:
 
-    kappa x_dot g(x) = c x_dot^2 sum_n t_n^2,    g = sum_n (q_n - q_{n+1}) (t_n + t_{n+1}).
+kappa x_dot g(x) = c x_dot^2 sum_n t_n^2,    g = sum_n (q_n - q_{n+1}) (t_n + t_{n+1}).
 
-The sum of t_n^2 does not depend on x. Therefore the terminal velocity is v = (kappa / c) <g> /
-sum_n t_n^2 with the mean <g> over two rotor spacings. For wide walls, v tends to 2 kappa / c, both
-for kinks and for anti-kinks. The elastic energy V(x) of an anti-kink depends on x. An anti-kink is
-pinned if kappa g < dV/dx at one site or more.
+The sum of t_n^2 does not depend on x. The terminal velocity, averaged over two rotor spacings, is
+therefore v = (kappa / c) <g> / sum_n t_n^2 with the mean <g> over the same distance. For wide
+walls, v tends to 2 kappa / c, both for kinks and for anti-kinks. The elastic energy V(x) of an
+anti-kink depends on x. The anti-kink is pinned if kappa g < dV/dx at one site or more.
 """
 
 from __future__ import annotations
@@ -33,25 +33,25 @@ from soliton_linkage.solitons.static_wall import static_wall
 _SAMPLES = 65
 """Number of samples of the orbit over two rotor spacings [1]; the spline error is 1e-6."""
 _FROM_END = 8
-"""Velocities are measured more than this number of rotors away from both ends of the chain [1]."""
+"""Velocities are measured while the wall is more than this number of rotors from both ends [1]."""
 _STARTUP = 4.0
-"""Velocities are measured only after this number of decay times M r^2 / c [1]."""
+"""Velocities are measured from this time on [decay times M r^2 / c]."""
 _PIECES = 8
-"""Number of pieces of a track [1], whose slopes give the standard error of the velocity."""
+"""The slopes of this number of pieces of a track give the standard error of the velocity [1]."""
 _TOLERANCE = 1e-11
-"""Largest integration error of an angle per step [rad]; it closes the energy balance to 1e-6."""
+"""Largest integration error of an angle per step [rad]; the energy balance then closes to 1e-6."""
 
 
 @dataclass(frozen=True)
 class WallDrive:
-    """Effect of the motors on a wall, computed along the orbit of the wall."""
+    """Effect of the motors on a wall, computed from its states at all sites without motors."""
 
     ratio: float
     """Terminal velocity divided by kappa / c [rotor spacings]."""
     pinning: float
     """Smallest non-reciprocity that moves a wall at rest [N m/rad]; 0 for kinks."""
     squares: float
-    """Sum of the squares of the tangent over all rotors [rad^2], averaged over sites."""
+    """Sum of t_n^2 over all rotors [rad^2], averaged over sites."""
 
     def velocity(self, chain: Chain) -> float:
         """Return the terminal velocity in a chain with motors [rotor spacings/s]."""
@@ -61,8 +61,8 @@ class WallDrive:
 def wall_drive(chain: Chain, charge: int) -> WallDrive:
     """Return the effect of the motors on a kink (charge +1) or an anti-kink (charge -1).
 
-    The wall is in the middle of the chain, which must be long enough for its tails to decay.
-    Raises ArithmeticError for an anti-kink without a path of stable states.
+    The chain must be so long that the tails of a wall in its middle decay before the ends. Raises
+    ArithmeticError for an anti-kink without a path of stable states.
     """
     begin = chain.number_of_rotors / 2 - 1
     if charge > 0:
@@ -86,17 +86,17 @@ def stability_limit(chain: Chain) -> float:
 
     A wave whose phase increases by k from rotor to rotor is proportional to exp(lambda t) with
 
-        I lambda^2 + c lambda + I omega(k)^2 + 2 i kappa sin(k) = 0
+    I lambda^2 + c lambda + I omega(k)^2 + 2 i kappa sin(k) = 0
 
-    with the moment of inertia I and the phonon frequency omega. The wave decays if 2 kappa
-    abs(sin(k)) < c omega(k).
+    for the moment of inertia I and the phonon frequency omega. It decays if 2 kappa abs(sin(k)) <
+    c omega(k).
     """
     waves = np.linspace(1e-3, math.pi - 1e-3, 2000)
     return float((dispersion(chain, waves / chain.spacing) / (2 * np.sin(waves))).min())
 
 
 def coordinates(chain: Chain, angles: Array) -> Array:
-    """Return the coordinates q of the module docstring [rad], shape (..., N)."""
+    """Return the coordinates q that the module docstring defines [rad], shape (..., N)."""
     return np.asarray(chain.signs * angles + (1 - chain.signs) * math.pi / 2)
 
 
@@ -117,7 +117,7 @@ class ActiveRun:
 
     recording: Recording
     sites: Array
-    """Site of the tracked wall [rotor spacings], shape (T,). NaN after the wall has vanished."""
+    """Site of the tracked wall [rotor spacings], shape (T,); NaN after the wall has vanished."""
     injected: Array
     """Power of the motors [W], shape (T,)."""
     dissipated: Array
@@ -144,7 +144,7 @@ class ActiveTask:
     charge: int
     """Charge of the tracked wall: +1 for a kink, -1 for an anti-kink."""
     fixed: bool = False
-    """Whether both end rotors are fixed. At free ends a kink may enter the chain."""
+    """Whether both end rotors are fixed, so that no kink can enter the chain there."""
 
     def __call__(self) -> ActiveRun:
         """Run the simulation and track the wall."""
@@ -173,8 +173,9 @@ class ActiveTask:
 def follow_charge(found: Sequence[Sequence[tuple[float, int]]], charge: int) -> Array:
     """Track the first wall of a charge; return its site in each frame [rotor spacings].
 
-    From frame to frame, the tracked wall is the nearest one of this charge within two rotor
-    spacings. After it has vanished, its site is NaN.
+    In each further frame, the tracked wall is the nearest one of this charge within two rotor
+    spacings of its last site. If there is none, the wall has vanished, and all further sites are
+    NaN.
     """
     sites, last = np.full(len(found), math.nan), math.nan
     for frame, walls in enumerate(found):
@@ -209,9 +210,9 @@ def terminal_velocity(task: ActiveTask, run: ActiveRun) -> tuple[float, float]:
 
 
 def moving(chain: Chain, site: float, charge: int, velocity: float) -> tuple[Array, Array]:
-    """Return the angles [rad] and angular velocities [rad/s] of a chain with a wall at `site`.
+    """Return the angles [rad] and rates [rad/s] of a chain with a wall that moves at `velocity`.
 
-    Angles and velocities have shape (N,). `velocity` is the wall velocity [rotor spacings/s].
+    Both have shape (N,). The unit of `velocity` is [rotor spacings/s].
     """
     build = static_wall if charge > 0 else continuum_anti_kink
     here = build(chain, site)
@@ -224,7 +225,7 @@ _AHEAD = 1e-4
 
 
 def motorised(chain: Chain, decay: float, ratio: float) -> Chain:
-    """Return the chain with the decay rate c / (M r^2) [1/s] and the ratio kappa / c [1/s]."""
+    """Return the chain with the given decay rate c / (M r^2) [1/s] and ratio kappa / c [1/s]."""
     damping = decay * chain.moment_of_inertia
     return replace(chain, damping=damping, non_reciprocity=ratio * damping)
 
@@ -232,9 +233,10 @@ def motorised(chain: Chain, decay: float, ratio: float) -> Chain:
 def outcome(task: ActiveTask, run: ActiveRun) -> str:
     """Return the final state of a wall: 'runs', 'is pinned', 'breaks up' or 'vanishes'.
 
-    A wall runs if it reaches the last rotors, or moves by more than one rotor spacing in the last
-    quarter of the simulation. A wall breaks up if the last frame contains more than one wall. A
-    wall vanishes if it is not found in the last frame and was not near the last rotors before.
+    The first condition that holds decides: the wall runs if it was last found less than eight
+    rotors from the end of the chain; it vanishes if it is not found in the last frame; it breaks
+    up if the last frame contains more than one wall; it runs if it has moved by more than one
+    rotor spacing in the last quarter of the frames. Otherwise it is pinned.
     """
     sites = run.sites[np.isfinite(run.sites)]
     if not len(sites):

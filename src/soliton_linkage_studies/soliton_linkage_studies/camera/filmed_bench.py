@@ -70,13 +70,13 @@ class FilmedBench:
         return round(self.parameters.duration / PERIOD)
 
     def film(self) -> Iterator[TimedPicture]:
-        """Yield the pictures of the chain after its kick, 1280 x 720 pixels at 60 Hz."""
+        """Yield the pictures of the chain after a kick, 1280 x 720 pixels at 60 Hz."""
         for number in range(self.pictures):
             time = number * PERIOD
             yield TimedPicture(time, self._renderer.picture(self._begin + time))
 
     def angles(self, times: Array) -> Array:
-        """Return the true angles [rad] at times [s] relative to the stamp of the first picture."""
+        """Return the true angles [rad] at times [s] after the stamp of the first picture."""
         return self._motion(times + self._renderer.stamp(self._begin))[0]
 
     @property

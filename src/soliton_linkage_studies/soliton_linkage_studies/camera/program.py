@@ -34,7 +34,7 @@ COLUMNS = (
 
 @dataclass(frozen=True)
 class FilmStudy:
-    """Study of films. A film has several clips, and each clip starts with a kick."""
+    """Study of films, each of which consists of several clips that start with a kick."""
 
     films: Mapping[str, FilmedTask]
     clips: int
@@ -42,7 +42,7 @@ class FilmStudy:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Names of the columns of the table of clips."""
+        """Names of the columns of the table, which has one row per clip."""
         return ('row', 'film', 'clip', *FIGURES)
 
     @property
@@ -51,7 +51,7 @@ class FilmStudy:
         return len(self.films) * self.clips
 
     def cells(self, row: int) -> list[str]:
-        """Render and measure the clip of a row; rows begin with the first clip of each film."""
+        """Render and measure the clip of a row; the first clips of all films come first."""
         clip, film = divmod(row, len(self.films))
         name, task = list(self.films.items())[film]
         stretch = float(np.random.default_rng(row).uniform(*_KICKS))
@@ -89,7 +89,7 @@ def read_film_study(settings: Section, quick: bool) -> FilmStudy:
 
 
 def table_of(rows: Sequence[Mapping[str, str]]) -> str:
-    """Return the table of films as Markdown; `rows` are the rows of all their clips."""
+    """Return a Markdown table with one row per film, computed from the rows of all clips."""
     lines = []
     for name in dict.fromkeys(row['film'] for row in rows):
         clips = [row for row in rows if row['film'] == name]

@@ -32,7 +32,7 @@ Boxes = NDArray[np.int64]
 
 
 class Pixels(NamedTuple):
-    """For each pixel: the point (x, z) of the rotor plane that it shows, and its blur there [m].
+    """Point (x, z) of the rotor plane that each pixel shows, and the blur of the pixel there [m].
 
     Each array has the shape (height, width).
     """
@@ -48,8 +48,8 @@ _PIXELS = named_tuple(Pixels, f8_2d, f8_2d, f8_2d)
 def _covered(distance: float, spread: float) -> float:
     """Return the fraction of a pixel that a shape covers.
 
-    `distance` is the distance of the pixel from the edge of the shape [m], negative inside the
-    shape. `spread` is the blur of the pixel [m].
+    `distance` is the distance from the pixel to the edge of the shape [m], negative for pixels
+    inside the shape. `spread` is the blur of the pixel [m].
     """
     share = distance / spread
     if share > 4.0:
@@ -85,9 +85,10 @@ def _shares_of_rotor(
     arm: float,
     spread: float,
 ) -> tuple[float, float, float, float]:
-    """Return how much of a pixel shows arm, label, dot and background, summed over the samples.
+    """Return the fractions of a pixel that show arm, label, dot and background, as sums over k.
 
-    In sample k, the mass is at (`across[k]`, `up[k]`) [m].
+    (x, z) is the pixel and (`across[k]`, `up[k]`) the mass at instant k, relative to the pivot
+    [m].
     """
     of_arm = of_label = of_dot = of_rest = 0.0
     for k in range(len(across)):
@@ -117,12 +118,13 @@ def paint_rotors(
     shape: Array,
     moments: Array,
 ) -> None:
-    """Paint the arms and dots of every second rotor, starting with rotor `parity`.
+    """Paint the arms, labels and dots of every second rotor, starting with rotor `parity`.
 
     The rows of `rotors` are the angles [rad], rates [rad/s] and accelerations [rad/s^2] at time 0,
-    then the pivots and the rotor lengths [m]. `shape` contains the radii of labels and dots, and
-    the half width of arms [m]. `moments` contains the sample times within the exposure of each
-    picture row [s], shape (height, samples).
+    then the pivots and the rotor lengths [m]. `boxes` contains the left, right, top and bottom
+    limits of each rotor [pixels], `shape` the radii of labels and dots and the half width of arms
+    [m], and `moments` the instants at which each picture row is rendered [s], shape (height,
+    instants).
     """
     label, dot, arm = shape[0], shape[1], shape[2]
     samples = moments.shape[1]
@@ -166,7 +168,7 @@ def paint_bonds(
     width: float,
     moments: Array,
 ) -> None:
-    """Paint bonds with the half width `width` [m]; other arguments as in `paint_rotors`."""
+    """Paint bonds with the half width `width` [m] and one colour; see `paint_rotors`."""
     samples = moments.shape[1]
     masses = np.empty((samples, 4))
     for bond in range(len(boxes) - 1):
@@ -205,7 +207,7 @@ def paint_bonds(
 def expose(
     canvas: Canvas, light: Canvas, noise: Canvas, shift: int, picture: NDArray[np.uint8]
 ) -> None:
-    """Write `picture`: canvas times light, plus noise that is shifted by `shift` columns."""
+    """Write to `picture` the canvas times `light`, plus `noise` shifted by `shift` columns."""
     height, width, colours = canvas.shape
     for row in range(height):
         for column in range(width):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rendered films of a chain with known angles; rolling shutter and exposure are included."""
+"""Rendered films of a chain with known angles, with a rolling shutter and motion blur."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ from soliton_linkage.vision.plane import ChainPlane
 from soliton_linkage_studies.camera.render_loops import Pixels, expose, paint_bonds, paint_rotors
 
 Motion = Callable[[Array], tuple[Array, Array, Array]]
-"""Function from times [s], (T,), to angles [rad], rates and accelerations, (T, N) each."""
+"""Function from times [s], shape (T,), to angles, rates and accelerations, each of shape (T,
+N)."""
 
 _BOARD = (172, 180, 176)
 """RGB colour of the board behind the chain [0 to 255]."""
@@ -29,24 +30,24 @@ _ARM, _BOND, _WHITE = (70, 74, 80), (120, 110, 90), (246, 246, 242)
 _ARM_WIDTH, _BOND_WIDTH = 0.5, 0.12
 """Half widths of arms and bonds, divided by the radius of a label [1]."""
 _NOISES = 4
-"""Number of noise images, which are used in turn and with random shifts."""
+"""Number of noise images [1]; each picture uses the next one with a random shift."""
 
 
 @document_fields
 @dataclass(frozen=True)
 class FilmSettings(CheckedQuantities):
-    """Light and sensor of a film; raises ValueError for values out of their range."""
+    """Light and camera sensor of a film. Raises ValueError for values out of their range."""
 
     light: float = quantity(
         0.85, 'brightness of white in the middle; 1 saturates the sensor', '', 0, 1
     )
     unevenness: float = quantity(
-        0.25, 'relative difference in brightness between both sides', '', 0.0, 1.0
+        0.25, 'relative difference in brightness between left and right', '', 0.0, 1.0
     )
-    noise: float = quantity(2.5, 'standard deviation of a pixel', 'grey levels', 0.0, 50.0)
+    noise: float = quantity(2.5, 'standard deviation of pixel noise', 'grey levels', 0.0, 50.0)
     blur: float = quantity(0.5, 'standard deviation of the lens blur', 'pixels', 0.1, 5.0)
     quality: int = quantity(0, 'JPEG quality, 0 for uncompressed pictures', '', 0, 100)
-    samples: int = quantity(6, 'number of samples per exposure', '', 1, 100)
+    samples: int = quantity(6, 'number of instants rendered per exposure', '', 1, 100)
     seed: int = quantity(0, 'random seed of the noise', '', 0, 10**9)
 
 
@@ -93,12 +94,12 @@ class Renderer:
         return float(self._plane.pixels(pivots, layout.heights)[:, 1].mean())
 
     def stamp(self, time: float) -> float:
-        """Return the stamp of a picture [s]: the middle of the exposure of the `middle_row`."""
+        """Return the stamp of `picture(time)` [s]: the middle of the exposure of `middle_row`."""
         camera = self._camera
         return time + camera.exposure / 2 + self.middle_row * camera.row_time
 
     def picture(self, time: float) -> Picture:
-        """Return the picture whose exposure starts at a time [s]."""
+        """Return the picture whose first row is exposed from `time` [s] on."""
         canvas = self._background.copy()
         self._paint_chain(canvas, time)
         noise = self._noise[self._pictures % _NOISES]
@@ -246,9 +247,10 @@ def posed_plane(
     pitch: float = 0.0,
     roll: float = 0.0,
 ) -> ChainPlane:
-    """Return the plane of a chain, whose point `middle` is on the camera axis at `distance` [m].
+    """Return the plane of a chain whose point `middle` [m] is on the camera axis.
 
-    If `pan`, `pitch` and `roll` [rad] are 0, x points to the right and z up in the picture.
+    The distance of this point from the camera is `distance` [m]. If `pan`, `pitch` and `roll`
+    [rad] are 0, x points to the right and z up in the picture.
     """
     turned = Rotation.from_euler('yxz', [pan, pitch, roll]).as_matrix()
     axes = turned @ np.array([[1.0, 0.0], [0.0, -1.0], [0.0, 0.0]])

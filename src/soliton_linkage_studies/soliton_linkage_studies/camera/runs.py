@@ -33,23 +33,25 @@ from soliton_linkage_studies.experiments import record_kick
 _LENS = (1100.0, 1100.0), (641.3, 357.2), (-0.12, 0.05, 5e-4, -3e-4, 0.0)
 """Focal lengths [pixels], principal point [pixels] and distortion [1] of the lens of a phone."""
 CAMERA = Camera(1280, 720, *_LENS, row_time=25e-6, exposure=0.004)
-"""Camera with the lens and the rolling shutter of a phone: lengths in [pixels], times in [s]."""
+"""Camera with the lens and the rolling shutter of a phone."""
 PERIOD = 1 / 60
 """Time between successive pictures [s]."""
 SIMULATED = 0.002
-"""Period of the simulated frames [s]; cubic splines interpolate between these frames."""
+"""Period of the simulated frames [s], between which cubic splines interpolate."""
 _TILTS = (0.06, -0.09, 0.01)
-"""Pan, pitch and roll of the chain plane relative to the camera [rad]."""
+"""Pan, pitch and roll of the plane of the chain relative to the camera [rad]."""
 _FILLED = 1.12
 """Width of the picture, divided by the width of the chain with its frame markers [1]."""
 _SWAPPED = 0.1
-"""A measured angle counts as the angle of another rotor if its error is larger than this [rad]."""
+"""A measured angle counts as that of another rotor if its error is larger than this [rad]."""
 _SETTLING = 10
-"""Number of pictures at the start that are not evaluated [1]; their planes are inaccurate."""
+"""Number of pictures at the start that are not evaluated [1]: the chain plane is still
+inaccurate."""
 _HAND_EVERY, _HAND_FOR = 10.0, 0.7
-"""Period of hands that cover part of the view, and duration of each hand [s]."""
+"""A hand covers part of the view once per the first time, for the second time [s]."""
 _TURN = 0.01
-"""Pixel derivatives are computed from rotations of the rotors by plus and minus this [rad]."""
+"""Derivatives of pixels by the angles are differences between plus and minus this rotation
+[rad]."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,7 @@ class FilmedTask:
     frames: int
     settings: FilmSettings
     h264: int = 0
-    """Rate factor (CRF) of the H.264 video; 0 means uncompressed pictures."""
+    """Rate factor (CRF) of an H.264 video from which the pictures are read; 0 means no video."""
 
     def __call__(self) -> FilmedRun:
         """Render the film and measure its angles, picture by picture."""
@@ -109,9 +111,10 @@ class FilmedRun:
     stated: Array
     """Stated standard deviations of the angles [rad], (F, N)."""
     bound: float
-    """Cramer-Rao bound of the standard deviation of an angle, from the pixels of a label [rad]."""
+    """Cramer-Rao bound of the standard deviation of an angle, given the pixels of its label
+    [rad]."""
     busy: float
-    """CPU time per picture [s]."""
+    """CPU time of the measurement per picture [s]."""
 
     @property
     def figures(self) -> tuple[float, ...]:
@@ -137,21 +140,20 @@ FIGURES = (
 
 
 def _changes(errors: Array) -> int:
-    """Count how often the error of a rotor, rounded to whole turns, changes between pictures."""
     turns = np.rint(errors / (2 * np.pi)).T
     known = (of_rotor[np.isfinite(of_rotor)] for of_rotor in turns)
     return sum(int(np.count_nonzero(np.diff(each))) for each in known)
 
 
 def interpolate_motion(recording: Recording) -> Motion:
-    """Return the motion of a recording, interpolated by cubic Hermite splines."""
+    """Return cubic Hermite splines through the angles and rates of a recording."""
     angles = CubicHermiteSpline(recording.times, recording.angles, recording.rates)
     rates, accelerations = angles.derivative(1), angles.derivative(2)
     return lambda times: (angles(times), rates(times), accelerations(times))
 
 
 def chain_plane(layout: MarkerLayout) -> ChainPlane:
-    """Return the plane of a chain at the distance at which the chain fills the picture."""
+    """Return the plane of a chain at such a distance that the chain fills the picture."""
     length = float(layout.chain.pivots[-1])
     distance = _FILLED * (length + 2 * layout.paper_size) * CAMERA.focal[0] / CAMERA.width
     return posed_plane(CAMERA, (length / 2, 0.0), distance, *_TILTS)
@@ -167,10 +169,10 @@ def _hands(duration: float) -> tuple[Hand, ...]:
 
 
 def _pixel_bound(task: FilmedTask, layout: MarkerLayout, plane: ChainPlane) -> float:
-    """Return the Cramer-Rao bound of the standard deviation of an angle [rad].
+    """Return the median over the rotors of the Cramer-Rao bound of an angle [rad].
 
-    It is the median over the rotors of sigma / sqrt(sum (dI / dphi)^2) with the grey levels I of a
-    label and their noise sigma.
+    With the grey levels I of the pixels of a label and the standard deviation sigma of their
+    noise, the bound of an angle phi is sigma / sqrt(sum (dI / dphi)^2).
     """
     cv2 = opencv()
     rest, still = task.chain.uniform_state(1), np.zeros((1, task.chain.number_of_rotors))

@@ -93,10 +93,6 @@ def draw_speeds(rows: Sequence[Row]) -> FigureReport:
 def _panels(
     caption: str, count: int, most: int, size: tuple[float, float, float], label: str
 ) -> tuple[FigureReport, Any]:
-    """Return a report with a new figure and `count` panels, at most `most` in a row.
-
-    `size` [inches] is the width and the height of a panel, and the height of the legend.
-    """
     columns = min(most, count)
     lines = -(-count // columns)
     shape = size[0] * columns, size[1] * lines + size[2]
@@ -179,7 +175,7 @@ def _draw_critical(report: FigureReport, axes: Axes, series: dict[str, list[Row]
 
 
 def _outcome(row: Row) -> int | None:
-    """Return the number of overlaps before the walls escaped, at most 4.
+    """Return the number of overlaps, at most 4, after which the walls escaped.
 
     None means a captured pair, and -1 a destroyed anti-kink.
     """
@@ -209,9 +205,10 @@ shown. Numbers in the domains of spinners are the turns of the rotors since the 
 state.
 """
 _SHOWN = 40.0
-"""Width of a panel, in units of `Collision.reach` [1]."""
+"""Width of the part of the ring that a panel shows, divided by `Collision.reach` [1]."""
 _AFTERWARDS = 35.0
-"""A collision is drawn until this time after the walls meet, in units of `Collision.unit` [1]."""
+"""A collision is drawn until this time after free walls would meet, divided by `Collision.unit`
+[1]."""
 _LARGEST = 1.6
 """The colour scale of the order field ends at plus and minus this [1]; all values are smaller."""
 _SPACETIME_COLUMNS = 3

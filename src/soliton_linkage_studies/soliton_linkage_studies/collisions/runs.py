@@ -3,10 +3,10 @@
 
 The kink (charge +1, zero energy at rest) comes from the left, the anti-kink (charge -1, positive
 rest energy) from the right at the same speed. The ring leans left between the walls, and right
-elsewhere. The walls overlap while no rotor leans left. Each overlap counts as a collision. Because
-charges alternate along a ring, the kink is on the left after a collision, too. Only the turns of
-the rotors between the walls show whether the walls have passed through each other. The unit of
-length is the reach of a wall (`Collision.reach`).
+elsewhere. The walls overlap while no rotor leans left, and each overlap counts as a collision.
+Charges alternate along a ring, so that the left wall is the kink after a collision, too. Only the
+turns of the rotors between the walls show whether the walls have passed through each other. The
+unit of length is the reach of a wall (`Collision.reach`).
 """
 
 from __future__ import annotations
@@ -27,46 +27,47 @@ from soliton_linkage.solitons.continuum import wall_theory
 from soliton_linkage_studies.collisions.travelling_wall import travelling_wall
 
 INITIAL_DISTANCE = 12.0
-"""Initial distance of the walls [reaches]; their attraction, divided by their mass, is e^(-24)."""
+"""Initial distance of the walls [reaches], at which their attraction is negligible."""
 ESCAPED = 8.0
-"""Walls that have met count as escaped when their distance exceeds this [reaches]. At this
-distance, only walls slower than 0.001 c can still return."""
+"""Walls count as escaped if they were nearer than `_NEAR` before and are farther apart than this
+[reaches]. At this distance, only walls slower than 0.001 c can still return."""
 _NEAR = 7.0
-"""The speed before a collision is measured while walls are farther apart than this [reaches]."""
+"""The speed before a collision is that of the walls at larger distances than this [reaches]."""
 _LEAVING = 5.0
-"""The speed after a collision is measured while walls are farther apart than this [reaches]."""
+"""The speed after a collision is that of the walls at larger distances than this [reaches]."""
 _FRAMES = 10
 """Number of frames in the time in which sound crosses a reach [1]. An overlap lasts at least this
 time, so that none lies between two frames."""
 _CORE = 4.0
-"""Energy nearer to a wall than this is energy of the wall [reaches]; e^(-16) of it is outside."""
+"""Energy within this distance of a wall counts as energy of the wall [reaches]; a fraction e^(-16)
+of the energy of a wall is farther away."""
 _LUMP = 8.0
 """Energy within this distance of the middle of the ring counts as energy of a captured pair
-[reaches], whose walls oscillate with half this amplitude."""
+[reaches]; the walls of a pair stay within half this distance."""
 _FEWEST = 5
-"""Smallest number of frames for an estimate of a speed [1]; escaped walls have 30 or more."""
+"""Smallest number of frames from which a speed is fitted [1]; escaped walls have 30 or more."""
 _TOLERANCE = 1e-10
 """Tolerance of the adaptive integrators [rad]; the relative energy error is then 1e-9."""
 
 
 @dataclass(frozen=True)
 class Collision:
-    """Settings of a collision; a call of this object simulates the collision."""
+    """Settings of a collision; calling this object simulates the collision."""
 
     ring: Chain
     speed: float
     """Speed of each wall [speed of sound]."""
     onwards: bool = False
-    """Whether the second wall turns the rotors of a spinner in the same direction as the first
-    wall, instead of back."""
+    """Whether, from left to right along the ring, the anti-kink turns the rotors of a spinner on
+    in the same direction as the kink. Otherwise the anti-kink turns them back."""
     step: float = 1.0
-    """Longest integration step multiplied by the largest angular phonon frequency [1]."""
+    """Longest integration step, multiplied by the largest angular phonon frequency [1]."""
     integrator: str = 'symplectic'
     shift: float = 0.0
     """Shift of the initial positions of both walls along the ring [rotor spacings]."""
     patience: float = 120.0
-    """Time [reach / c] that walls may need to meet, and again to escape, in addition to the time
-    of free walls of half the initial speed."""
+    """The walls must meet, and then escape, in this time [reach / c] plus the time that free walls
+    of half the initial speed would need."""
 
     def __call__(self) -> CollisionRun:
         """Simulate the collision until the walls escape or the time limit is reached."""
@@ -89,8 +90,8 @@ class Collision:
     def reach(self) -> float:
         """Reach of a wall [rotor spacings]: twice the penetration depth l.
 
-        The tails of a wall decay as e^(-x / l). For lean ratios d << 1 and walls of width w, the
-        reach is w in flippers and 2 w in spinners.
+        The tails of a wall decay as e^(-x / l). If the lean ratio d is much smaller than 1, the
+        reach is the wall width w in flippers and 2 w in spinners.
         """
         return 2 * penetration_depth(self.ring) / self.ring.spacing
 
@@ -133,7 +134,7 @@ class CollisionRun:
     radiated: float
     """Fraction of the final energy outside the walls or the captured pair [1]."""
     drift: float
-    """Range of the energy during the simulation, divided by the initial energy [1]."""
+    """Largest minus smallest energy during the simulation, divided by the initial energy [1]."""
 
     @property
     def speed_after(self) -> float:
@@ -143,9 +144,9 @@ class CollisionRun:
 
 @dataclass(frozen=True)
 class WallPaths:
-    """Paths of both walls, which are the outermost sign changes of the order field.
+    """Paths of both walls, which limit the part of the ring that leans left.
 
-    In frames without a sign change, the positions are NaN.
+    Positions are NaN in frames in which no rotor leans left.
     """
 
     times: Array
@@ -161,7 +162,7 @@ class WallPaths:
         return np.asarray(self.anti_kinks - self.kinks)
 
     def part(self, which: slice) -> WallPaths:
-        """Return the paths in the given slice of the frames."""
+        """Return the paths in some of the frames."""
         return WallPaths(self.times[which], self.kinks[which], self.anti_kinks[which])
 
     def joined(self, later: WallPaths) -> WallPaths:
@@ -170,7 +171,10 @@ class WallPaths:
         return WallPaths(*(np.append(*pair) for pair in pairs))
 
     def speeds(self) -> Array:
-        """Return the fitted wall velocities [rotor spacings/s]; NaN for fewer than 5 frames."""
+        """Return the fitted velocities of kink and anti-kink [rotor spacings/s].
+
+        Both are NaN for fewer than 5 frames.
+        """
         if len(self.times) < _FEWEST:
             return np.full(2, np.nan)
         both = np.stack([self.kinks, self.anti_kinks], axis=1)
@@ -178,7 +182,7 @@ class WallPaths:
 
 
 def simulate_frames(task: Collision) -> Iterator[tuple[Array, Array, Array]]:
-    """Yield the times, angles and rates of all frames without end, one or more frames at a time.
+    """Yield times, angles and rates of one or more further frames at a time, without end.
 
     The times [s] have shape (T,), the angles [rad] and rates [rad/s] shape (T, N).
     """
@@ -223,7 +227,10 @@ def initial_state(task: Collision) -> State:
 
 
 def ring_order_field(ring: Chain, angles: Array) -> Array:
-    """Return the order field, shape (..., N): +1 if the ring leans right, -1 if it leans left."""
+    """Return the order field of each rotor, shape (..., N).
+
+    It is +1 in the right-leaning rest state and -1 in the left-leaning one.
+    """
     theta = staggered(angles)
     if ring.motion is Motion.SPINNER:
         return np.asarray(np.cos(theta - ring.rest_angle))
@@ -231,7 +238,7 @@ def ring_order_field(ring: Chain, angles: Array) -> Array:
 
 
 def find_walls(ring: Chain, times: Array, angles: Array) -> WallPaths:
-    """Return the paths of both walls from the `angles` in each frame [rad], shape (T, N)."""
+    """Return the paths of both walls, given the angles [rad] in each frame, shape (T, N)."""
     fields = ring_order_field(ring, angles)
     left, last = fields < 0, fields.shape[1] - 1
     before = left.argmax(axis=1) - 1, last - left[:, ::-1].argmax(axis=1)
@@ -240,7 +247,6 @@ def find_walls(ring: Chain, times: Array, angles: Array) -> WallPaths:
 
 
 def _crossings(fields: Array, rotors: NDArray[np.int64]) -> Array:
-    """Return the zero of each field between a rotor of `rotors` and the next one, shape (T,)."""
     frame = np.arange(len(fields))
     before, after = fields[frame, rotors], fields[frame, rotors + 1]
     change = np.where(before == after, 1.0, before - after)
@@ -290,7 +296,6 @@ def _outcome(task: Collision, path: WallPaths, state: State, drift: float) -> Co
 
 
 def _turns(ring: Chain, path: WallPaths, state: State) -> int:
-    """Return full turns of the rotor midway between the walls since the start; 0 for flippers."""
     if ring.motion is not Motion.SPINNER:
         return 0
     rotor = round((path.kinks[-1] + path.anti_kinks[-1]) / 2)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Collision study: each task of a settings file gives one row of a table."""
+"""Collision study: each collision or window edge of a settings file gives one row of a table."""
 
 from __future__ import annotations
 
@@ -18,27 +18,28 @@ from soliton_linkage_studies.settings import Section
 from soliton_linkage_studies.sweep.table import markdown_table
 
 TURNING = ('back', 'onwards')
-"""Directions in which the second wall can turn the rotors of a spinner."""
+"""Whether the anti-kink turns the rotors of a spinner back, or onwards in the direction of the
+kink."""
 _SETTINGS = {
     'length': (30.0, 1000.0),
     'step': (1e-3, 2.0),
     'patience': (10.0, 1e5),
     'shift': (-1.0, 1.0),
 }
-"""Numeric settings of a collision, with their smallest and largest values."""
+"""Numeric settings of a collision, each with its smallest and its largest value."""
 _QUICK_EVERY = 40
-"""A quick study uses one of this number of successive speeds [1]."""
+"""A quick study uses the first of each group of this number of successive speeds [1]."""
 _QUICK_HALVINGS = 2
 """Number of bisections in a quick study [1]."""
 _HALVINGS = 13
 """Number of bisections in a full study [1]; they reduce a speed interval from 0.6 c to 1e-4 c."""
 _FASTEST = 2.0
-"""Largest speed in the settings [speed of sound]; flippers with d near 1 can be supersonic."""
+"""Largest speed in the settings [speed of sound]; flippers with d near 1 have supersonic walls."""
 
 
 @dataclass(frozen=True)
 class WindowEdge:
-    """Search for the edge of a speed window in which walls escape after `collisions` overlaps."""
+    """Search for an edge of a speed window in which walls escape after `collisions` overlaps."""
 
     collision: Collision
     collisions: int
@@ -49,7 +50,7 @@ class WindowEdge:
     halvings: int
 
     def __call__(self) -> tuple[float, CollisionRun]:
-        """Return the speed at the edge, and the collision simulated nearest to it in the window.
+        """Return the speed at the edge, and the run inside the window that is nearest to it.
 
         Raises ValueError unless the walls escape after `collisions` overlaps at the speed
         `inside`, but not at the speed `outside`.
@@ -81,7 +82,7 @@ class WindowEdge:
 
 @dataclass(frozen=True)
 class Entry:
-    """Task whose result is one row of the table."""
+    """Task that gives one row of the table."""
 
     part: str
     """Name of the part of the study, which is a key of the settings."""
@@ -94,13 +95,13 @@ class Entry:
 
 @dataclass(frozen=True)
 class CollisionStudy:
-    """Collision study of a settings file. Each entry is computed as one row of a table."""
+    """Collision study of a settings file; each entry gives one row of the table."""
 
     entries: tuple[Entry, ...]
     pictures: dict[str, Collision]
     """Collisions that are drawn as space-time diagrams, by title."""
     settings: dict[str, Any]
-    """Settings that determine the entries, as types that YAML can store."""
+    """Settings on which the entries depend, as types that YAML can store."""
     name: str = 'runs'
 
     @property
@@ -115,7 +116,7 @@ class CollisionStudy:
         return len(self.entries)
 
     def cells(self, row: int) -> list[str]:
-        """Compute a row of the table as text; the last column is an error message or empty."""
+        """Compute a row of the table as text; the last column is empty or an error message."""
         entry = self.entries[row]
         collision = entry.task if isinstance(entry.task, Collision) else entry.task.collision
         speed, values, failure = collision.speed, [''] * len(fields(CollisionRun)), ''
@@ -144,7 +145,7 @@ class Row:
     series: str
     name: str
     speed: float
-    """Speed of each wall or of the window edge [speed of sound]."""
+    """Speed of each wall, or speed at the window edge [speed of sound]."""
     run: CollisionRun | None
     """Outcome of the collision, or None if the simulation failed."""
     failure: str
@@ -180,7 +181,6 @@ def read_collision_study(settings: Section, quick: bool) -> CollisionStudy:
 
 
 def _named(settings: Section, key: str) -> dict[str, Section]:
-    """Return the sections below a key by name; raise ValueError if there is none."""
     found = settings.section(key).sections()
     if not found:
         raise settings.error(key, 'is empty; give one or more named sections')
@@ -273,13 +273,13 @@ def series_of(rows: Sequence[Row], part: str) -> dict[str, list[Row]]:
 
 
 PHI4_SPEED = 0.2598
-"""Critical speed of phi^4 theory in units of c [1] (Campbell, Schonfeld and Wingate 1983)."""
+"""Critical speed of phi^4 theory / c [1] (Campbell, Schonfeld and Wingate 1983)."""
 CRITICAL_SPEED = 'critical speed / c [1]'
 """Label of the critical speed, above which walls separate after one collision."""
 _SHAPE_MODE = math.sqrt(3)
-"""Frequency of the shape mode of a phi^4 wall of width w, in units of c / w [1]."""
+"""Angular frequency of the shape mode of a phi^4 wall of width w, divided by c / w [1]."""
 _FEWEST = 2
-"""Smallest number of adjacent speeds with the same outcome that form a window [1]."""
+"""Smallest number of adjacent speeds with the same outcome that count as a window [1]."""
 
 
 @dataclass(frozen=True)
@@ -290,7 +290,7 @@ class BounceWindow:
     first: float
     last: float
     fastest: CollisionRun
-    """Collision in this window after which the walls have the largest speed."""
+    """Collision in this window with the largest speed of the escaping walls."""
 
     @property
     def phase(self) -> float:
@@ -333,11 +333,7 @@ _WINDOW_TITLES = (
 
 
 def finding_tables(rows: Sequence[Row]) -> str:
-    """Return four Markdown tables of the results.
-
-    They contain the statistics of the collisions on each ring, the bounce windows, the effects of
-    changed settings, and the critical speeds.
-    """
+    """Return four Markdown tables: outcomes, windows, changed settings and critical speeds."""
     variations = series_of(rows, 'variations')
     whole = [row for row in next(iter(variations.values()), []) if not row.name]
     tables = _sweep_table(series_of(rows, 'sweeps')), _window_table(windows(whole))
@@ -390,10 +386,10 @@ def _variation_table(series: dict[str, list[Row]]) -> str:
 
 
 def _critical_table(series: dict[str, list[Row]]) -> str:
-    """Return a table of the critical speeds; the rings of a series differ in their lean ratio d.
+    """Return a table of the critical speeds of rings with different lean ratios d.
 
-    The last row of a series is the limit for d -> 0, extrapolated linearly in d^2 from its first
-    two rings.
+    The last row of a series is the limit d -> 0, extrapolated linearly in d^2 from the first two
+    rings of the series.
     """
     lines = []
     for name, rows in series.items():
@@ -407,5 +403,4 @@ def _critical_table(series: dict[str, list[Row]]) -> str:
 
 
 def _outcome(run: CollisionRun) -> tuple[bool, int]:
-    """Return whether walls escaped, and after how many overlaps (0 if they did not escape)."""
     return run.escaped, run.collisions if run.escaped else 0

@@ -4,11 +4,10 @@
 A wall of velocity v that keeps its shape turns the rotors of parity p (0 even, 1 odd) to the
 angles phi_n(t) = f_p(n a - v t), with
 
-    I v^2 f_p''(x) = torque of the springs (f_(1-p)(x - a), f_p(x), f_(1-p)(x + a)).
+I v^2 f_p''(x) = torque of the springs (f_(1-p)(x - a), f_p(x), f_(1-p)(x + a)).
 
-On a grid of m points per spacing, these are the equations of 2 m chains, which differ by shifts of
-a grid step and are coupled by f''. The solver minimises the squared residual plus a penalty on
-tails that are not at rest. No exact solution exists, because a wall of a few rotors radiates a
+The functions f_p are computed on a grid. The solver minimises the squared residual plus a penalty
+on tails that are not at rest. No exact solution exists, because a wall of a few rotors radiates a
 resonant phonon at any speed. The contracted wall of the continuum theory would oscillate about the
 shape computed here, and these oscillations would disturb a collision.
 """
@@ -30,13 +29,13 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion
 from soliton_linkage.solitons.continuum import FlipperTheory, SpinnerTheory
 
 _REACH = 11.0
-"""Half length of the grid, in units of twice the penetration depth l [1]."""
+"""Half length of the grid, divided by twice the penetration depth l [1]."""
 _QUIET_FROM = 4.0
-"""The penalty on moving tails increases from 0 at this distance from the wall to its full value at
-1.5 times this distance, in units of 2 l [1]."""
+"""Distance from the wall at which the penalty on moving tails starts, divided by 2 l [1]; it has
+its full strength at 1.5 times this distance."""
 _QUIETNESS = 0.05
-"""Strength of the penalty on moving tails, in units of I gap^2 [1] with the moment of inertia I
-and the lowest phonon frequency gap. Sensitivity: at 0.01 or 0.2, the speed after a collision
+"""Strength of the penalty on moving tails, divided by I omega_0^2 [1], with the moment of inertia
+I and the lowest phonon frequency omega_0. Sensitivity: at 0.01 or 0.2, the speed after a collision
 changes by 1e-4."""
 _POINTS_A_WIDTH = 12
 """Number of grid points per wall width [1]. Sensitivity: at 2x, the speed after a collision
@@ -44,9 +43,9 @@ changes by less than 1e-5."""
 _ITERATIONS = 20
 """Largest number of Gauss-Newton iterations [1]; searches converge within ten or never."""
 _LONGEST_STEP = 0.3
-"""Largest change of an angle in one iteration [rad]; searches with longer steps diverge."""
+"""Largest change of an angle in one iteration [rad]; with longer steps, searches diverge."""
 _CONVERGED = 1e-8
-"""The search ends when no angle changes by this or more in an iteration [rad]."""
+"""The search ends when the largest change of an angle in an iteration is below this [rad]."""
 _CLOSEST = 0.9
 """Largest v / c of the initial guess [1], because continuum walls are never supersonic."""
 _FIRST = (0.0, 4 / 5, -1 / 5, 4 / 105, -1 / 280)
@@ -59,7 +58,7 @@ derivative [1]; points behind have the same weights."""
 
 @dataclass(frozen=True)
 class TravellingWall:
-    """Travelling wall on a grid of distances from its centre."""
+    """Travelling wall, sampled at evenly spaced distances from its centre."""
 
     points: int
     """Number of grid points per rotor spacing."""
@@ -71,7 +70,7 @@ class TravellingWall:
     def at(self, rotors: NDArray[np.int64], position: float) -> tuple[Array, Array]:
         """Return the angles [rad] and slopes [rad/spacing] of `rotors`, each of shape (K,).
 
-        The wall is at `position` [rotor spacings], which is rounded to the grid.
+        The wall is at `position` [rotor spacings], rounded to a grid point.
         """
         last = self.angles.shape[1] - 1
         columns = np.rint((rotors - position) * self.points).astype(int) + (last + 1) // 2
@@ -83,7 +82,7 @@ class TravellingWall:
 def travelling_wall(chain: Chain, speed: float, charge: int, turn: int = 1) -> TravellingWall:
     """Return the wall of charge +1 or -1 that moves at `speed` [m/s].
 
-    `turn` is the sign of the angle by which the wall turns the rotors of a spinner (see
+    In a spinner, `turn` is the sign of the angle by which the wall turns the rotors (see
     `SpinnerTheory`). Raises ArithmeticError if the solver finds no wall near the continuum
     solution.
     """
@@ -105,7 +104,7 @@ def travelling_wall(chain: Chain, speed: float, charge: int, turn: int = 1) -> T
 
 
 class _Grid:
-    """Grid of angles in a flat array: first the angles of even rotors, then of odd rotors."""
+    """Equations on the grid; arrays of angles contain first all even, then all odd rotors."""
 
     def __init__(self, ring: Chain) -> None:
         width, depth = ring.wall_width / ring.spacing, penetration_depth(ring) / ring.spacing
@@ -144,9 +143,9 @@ class _Grid:
         return np.concatenate([even, np.pi - odd])
 
     def correction(self, angles: Array, start: Array, moving: float) -> Array:
-        """Return the Gauss-Newton step from `angles` [rad], which does not shift the wall.
+        """Return the Gauss-Newton step from `angles` [rad] that does not shift the wall.
 
-        `moving` is the moment of inertia times the squared speed in grid points per second.
+        `moving` is the moment of inertia times the squared wall speed [grid points/s].
         """
         free, chain = self._free, self.chain
         torques = np.empty_like(angles)
@@ -165,7 +164,6 @@ class _Grid:
 
     @cached_property
     def _held(self) -> Array:
-        """Squared strength of the penalty on moving tails at each grid point of the flat array."""
         depth, chain = penetration_depth(self.chain), self.chain
         beyond = np.abs(self.positions) / (2 * depth * _QUIET_FROM) - 1
         strength = _QUIETNESS * chain.moment_of_inertia * gap(chain) ** 2
@@ -186,9 +184,9 @@ class _Grid:
         return csr_array((entries, (rows, columns)), shape=(len(angles), len(angles)))
 
     def _derivative(self, weights: tuple[float, ...], mirrored: int) -> csr_array:
-        """Return the matrix of a stencil with the weights of the centre and of the points ahead.
+        """Return the matrix of a stencil, given the weights of the centre and of the points ahead.
 
-        The weights of the points behind are the same times `mirrored`, +1 or -1.
+        The weights of the points behind are those of the points ahead times `mirrored`, +1 or -1.
         """
         reach = len(weights) - 1
         offsets = list(range(-reach, reach + 1))

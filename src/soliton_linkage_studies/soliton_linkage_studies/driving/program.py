@@ -76,7 +76,7 @@ _LEAST = 1e-17
 """Smaller imbalances are drawn at this value [1], which is below all rounding errors."""
 _TIME = 'time [s]'
 _ROOM = 0.25
-"""Height of the space for the legend above the wall positions [range of the positions]."""
+"""Height left free for the legend above the wall positions / range of the positions [1]."""
 
 
 def entitle(panels: Mapping[str, Axes]) -> None:
@@ -91,7 +91,7 @@ def entitle(panels: Mapping[str, Axes]) -> None:
 
 
 def draw_balance(report: FigureReport, axes: Axes, runs: Mapping[str, BalancedRun]) -> None:
-    """Draw the energy imbalance over time for springs and bars, with marks for all events."""
+    """Draw the energy imbalance over time for springs and bars, and marks for all events."""
     for mechanics, run in runs.items():
         colour = MECHANICS_COLOURS[mechanics]
         shown = np.maximum(run.imbalances, _LEAST)
@@ -122,7 +122,10 @@ def draw_stiffness(
     apart: Sequence[float],
     order: float,
 ) -> None:
-    """Draw the largest angle difference between springs and rigid bars against the stiffness."""
+    """Draw the largest angle difference between springs and bars against the stiffness.
+
+    `order` is the fitted order of convergence.
+    """
     draw_convergence(axes, stiffnesses, apart, f'springs, order {order:.3f}')
     axes.set(xlabel='stiffness $k_e$ [N/m]')
     names = ('stiffness [N/m]', 'largest deviation of an angle [rad]')
@@ -176,7 +179,7 @@ def draw_moves(
 
 
 def draw_work(report: FigureReport, axes: Axes, runs: Mapping[str, DrivenChain]) -> None:
-    """Draw the energy gained by a chain and the work of the torques, for each actuator."""
+    """Draw the energy that a chain gains and the work of the torques, for each actuator."""
     for colour, (actuator, run) in zip(COLOURS, runs.items(), strict=False):
         for series, values, style, width, alpha in (
             ('energy gained', run.energies, '-', 4.0, 0.35),
@@ -192,7 +195,7 @@ def draw_work(report: FigureReport, axes: Axes, runs: Mapping[str, DrivenChain])
 
 @dataclass(frozen=True)
 class Finding:
-    """Measured number and its allowed range, which includes both bounds."""
+    """Measured number and the limits of its allowed range."""
 
     panel: str
     quantity: str

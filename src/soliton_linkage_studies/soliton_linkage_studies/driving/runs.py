@@ -37,9 +37,9 @@ from soliton_linkage_studies.settings import Section, chain_from
 
 _KEYS = ('step', 'work', 'energy_balance', 'stiffness', 'tilt', 'moves')
 _WORK_PERIOD = 0.002
-"""Frame period of a chain with an actuator [s]; it is a small fraction of the filling time."""
+"""Frame period of a chain with an actuator [s], a small fraction of the filling time."""
 _SHORT = 1.0
-"""Duration of the energy balance with `--quick` [s]; it contains about three spans of events."""
+"""Duration of the energy balance with `--quick` [s], about three times `_EVENT_FRAMES`."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ class Results:
 
     @staticmethod
     def of(done: Mapping[tuple[Any, ...], Any]) -> Results:
-        """Sort results into fields; the keys of `done` are as in `DrivingStudy.tasks`."""
+        """Sort results into fields by their keys, which are as in `DrivingStudy.tasks`."""
 
         def part(name: str) -> dict[Any, Any]:
             return {key[1:]: result for key, result in done.items() if key[0] == name}
@@ -163,18 +163,18 @@ _BALANCE_KEYS = (
     'seed',
 )
 _PERIOD = 0.01
-"""Frame period for energy balance and tilt [s], below the time unit sqrt(M / k_e)."""
+"""Frame period for energy balance and tilt [s]."""
 _BALANCE_TOLERANCE = 1e-12
 """Largest integration error of an angle per time unit [rad]; a thousandth of `IMBALANCE_LIMIT`."""
 _TILT_TOLERANCE = 1e-8
-"""Largest integration error of an angle per time unit [rad]; drawn positions do not show it."""
+"""Largest integration error of an angle per time unit [rad]; it is invisible in the picture."""
 _EVENT_FRAMES = 30
-"""Number of frames in a span of events [1]. Each span has one kick and one change of gravity; in
-every second span torques act."""
+"""Number of frames in a span [1]. Each span contains one kick and one change of gravity; torques
+act in every second span."""
 _KICK_FRAME = 10
-"""Index in a span of the frame at which the kick occurs [1]; it is far from other events."""
+"""Number of the frame in a span at which the kick occurs [1]."""
 _TURN_FRAME = 20
-"""Index in a span of the frame at which gravity changes [1]; it is far from the kick."""
+"""Number of the frame in a span at which gravity changes [1], far from the kick."""
 _CROSSING_FRAMES = 200
 """Number of frames of a simulated crossing [1]; a wall moves by less than a spacing per frame."""
 
@@ -192,7 +192,7 @@ class BalancedRun:
     turns: Array
     """Times of the gravity changes [s], shape (turns,)."""
     pushed: NDArray[np.bool_]
-    """Whether torques acted in the period before each frame, shape (T,)."""
+    """Whether torques acted in the frame period before each frame, shape (T,)."""
 
 
 @dataclass(frozen=True)
@@ -212,7 +212,7 @@ class BalanceTask:
     kick: float
     """Standard deviation of the random rate that a kick adds to each rotor [rad/s]."""
     torque: float
-    """Standard deviation of the acceleration of each rotor by its random torque [rad/s^2]."""
+    """Standard deviation of the angular acceleration that the random torques cause [rad/s^2]."""
     duration: float
     """Duration of the simulation [s]."""
     seed: int
@@ -280,7 +280,7 @@ class StiffnessTask:
 
     @staticmethod
     def read(section: Section, quick: bool) -> list[StiffnessTask]:
-        """Return a task for each stiffness in the settings, the softest springs first."""
+        """Return one task per stiffness in the settings, in ascending order of stiffness."""
         section.check_keys('chain', 'kick', 'duration', 'factors')
         chain = chain_from(section.section('chain'))
         kick = section.number('kick', 1e-6, 100.0)
@@ -295,7 +295,7 @@ class StiffnessTask:
         ]
 
     def __call__(self) -> float:
-        """Return the largest difference between an angle with springs and with bars [rad]."""
+        """Return the largest difference of an angle between springs and bars [rad]."""
         chain, rates = self.chain, np.array(self.rates)
         rest = chain.uniform_state(1)
         period = self.duration / _CROSSING_FRAMES
@@ -325,7 +325,7 @@ class TiltedRun:
 
 @dataclass(frozen=True)
 class TiltTask:
-    """Task to tilt a chain back and forth; at the start it leans left and is at rest."""
+    """Task to tilt a chain back and forth, from rest in the left-leaning state."""
 
     chain: Chain
     mechanics: str
@@ -334,7 +334,7 @@ class TiltTask:
     tilts: tuple[float, ...]
     """Tilts in the order of time [rad]."""
     kept: float
-    """Time for which each tilt is kept [s]."""
+    """Duration of each tilt [s]."""
 
     @staticmethod
     def read(section: Section, mechanics: str) -> TiltTask:

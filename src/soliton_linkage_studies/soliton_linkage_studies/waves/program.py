@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Move and create walls by wave packets from the edge, and show the results on one page."""
+"""Move walls and create walls by wave packets from the edge; show the results on one page."""
 
 from __future__ import annotations
 
@@ -65,9 +65,10 @@ _MOVED = 'displacement [rotor spacings]'
 _SITE = 'site [rotor spacings]'
 _TIME = 'time [s]'
 _FEW = 10.0
-"""A vibration counts as localised if fewer rotors than this take part in it [1]."""
+"""A vibration counts as localised if its participation number is below this [rotors]."""
 _PACKET = (10.0, 0.01)
-"""Number of cycles [1] and amplitude [rad] of the linear packet whose velocity is measured."""
+"""Number of cycles [1] and amplitude [rad] of the small burst whose packet velocity is
+measured."""
 _SITES = 33
 """Number of kink sites, over two rotor spacings, at which the spectrum is computed [1]."""
 
@@ -78,9 +79,9 @@ class WaveStudy:
 
     chain: Chain
     site: float
-    """Initial site of the kink, which is at rest [rotor spacings]."""
+    """Initial site of the resting kink [rotor spacings]."""
     burst: Burst
-    """Burst that the kymograph in panel a shows."""
+    """Burst in panel a."""
     duration: float
     """Duration of each simulation [s]."""
     frequencies: tuple[float, ...]

@@ -19,7 +19,7 @@ from soliton_linkage.solitons.static_wall import static_wall
 from soliton_linkage_studies.active.runs import wall_sites
 
 _FIRST = 3
-"""Rotor at which the measured path of a packet begins [1], outside the near field of rotor 0."""
+"""First rotor of the path on which a packet is timed [1], outside the near field of rotor 0."""
 _TOLERANCE = 1e-8
 """Largest integration error of an angle per step [rad], far smaller than amplitudes of bursts."""
 
@@ -30,10 +30,11 @@ class Burst:
 
     The torque of a burst of n cycles is
 
-        tau(t) = I omega^2 A sin(omega t) sin(pi t omega / (2 pi n))^2,    0 < t < 2 pi n / omega
+    tau(t) = I omega^2 A sin(omega t) sin(pi t omega / (2 pi n))^2,    0 < t < 2 pi n / omega
 
-    with the moment of inertia I. A free rotor would oscillate with the amplitude A [rad]. If omega
-    lies in the phonon band, a wave packet moves at the group velocity d omega / dk.
+    with the moment of inertia I. Without the window, a free rotor would oscillate with the
+    amplitude A [rad]. If omega lies in the phonon band, the burst starts a wave packet that moves
+    at the group velocity d omega / dk.
     """
 
     frequency: float
@@ -41,7 +42,7 @@ class Burst:
     cycles: float
     """Number of cycles n [1]."""
     amplitude: float
-    """Amplitude A of a free rotor under this torque [rad]."""
+    """Amplitude A [rad]."""
 
     @property
     def duration(self) -> float:
@@ -66,7 +67,8 @@ class WaveTask:
     duration: float
     """Duration of the simulation [s]."""
     site: float | None = None
-    """Initial site of the kink [rotor spacings]; None: left-leaning chain without a kink."""
+    """Initial site of the kink [rotor spacings], or None for a left-leaning chain without a
+    kink."""
     frames: int = 400
 
     def __call__(self) -> WaveRun:
@@ -105,13 +107,13 @@ class WaveRun:
 
     recording: Recording
     sites: Array
-    """Site of the kink in each frame [rotor spacings], shape (T,). NaN without a kink."""
+    """Site of the kink in each frame [rotor spacings], shape (T,); NaN without a kink."""
     walls: int
     """Number of walls in the last frame."""
 
     @property
     def displacement(self) -> float:
-        """Mean displacement of the kink in the last fifth of the frames [rotor spacings]."""
+        """Site of the kink, averaged over the last fifth of the frames, minus the first site."""
         return float(np.mean(self._last) - self.sites[0])
 
     @property
@@ -125,7 +127,7 @@ class WaveRun:
 
 
 def energy_per_rotor(chain: Chain, recording: Recording) -> Array:
-    """Return the kinetic energy of each rotor, plus half the energy of its springs [J], (T, N)."""
+    """Return the energy of each rotor with half the energy of each of its springs [J], (T, N)."""
     of_springs = 0.5 * chain.stiffnesses * chain.spring_extensions(recording.angles) ** 2
     kinetic = 0.5 * chain.moments_of_inertia * recording.rates**2
     return kinetic + chain.gathered(of_springs / 2, of_springs / 2)
@@ -134,7 +136,7 @@ def energy_per_rotor(chain: Chain, recording: Recording) -> Array:
 def analysed_sites(chain: Chain, recording: Recording) -> Array:
     """Return the site that the analyser estimates in each frame [rotor spacings], shape (T,).
 
-    The site is NaN in frames in which the analyser does not find exactly one wall.
+    The site is NaN if the analyser does not find exactly one wall.
     """
     analyser, sites = Analyser(chain), []
     for time, angles in zip(recording.times, recording.angles, strict=True):
@@ -147,7 +149,7 @@ def analysed_sites(chain: Chain, recording: Recording) -> Array:
 def group_velocity(chain: Chain, frequency: float) -> float:
     """Return the group velocity abs(d omega / dk) of phonons [rotor spacings/s].
 
-    The velocity is 0 if the angular frequency [rad/s] is outside the phonon band.
+    The result is 0 if `frequency`, the angular frequency [rad/s], is outside the phonon band.
     """
     low, high = band_edges(chain)
     if not low < frequency < high:
@@ -163,8 +165,8 @@ def group_velocity(chain: Chain, frequency: float) -> float:
 def packet_velocity(chain: Chain, recording: Recording, last: int) -> float:
     """Return the velocity of a wave packet between rotor 3 and rotor `last` [rotor spacings/s].
 
-    A packet counts as arrived at a rotor when the energy of this rotor and its two neighbours is
-    largest.
+    The packet arrives at a rotor at the time of the largest energy of this rotor and its two
+    neighbours.
     """
     energies = energy_per_rotor(chain, recording)
     smooth = energies[:, 2:-2] + energies[:, 1:-3] + energies[:, 3:-1]
@@ -181,10 +183,9 @@ class Spectrum:
     frequencies: Array
     """Angular frequencies [rad/s] in ascending order, shape (N,). The first one is 0."""
     participations: Array
-    """Number of rotors that take part in each mode e, 1 / sum_n e_n^4 for |e| = 1 [1], shape
-    (N,)."""
+    """Participation number 1 / sum_n e_n^4 of each mode e with |e| = 1 [rotors], shape (N,)."""
     energy: float
-    """Energy of the springs while the chain is at rest [J]."""
+    """Elastic energy of the chain with the resting kink [J]."""
 
 
 def spectrum(chain: Chain, site: float) -> Spectrum:
