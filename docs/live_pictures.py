@@ -101,10 +101,7 @@ def served(folder: Path) -> Iterator[str]:
 
 
 def film(page: Any, folder: Path) -> None:
-    """Write live.png and live.gif, which show a move of a soliton from RIGHT to LEFT.
-
-    Before, the soliton is moved from LEFT to RIGHT. `folder` receives the screenshots.
-    """
+    """Move a soliton from LEFT to RIGHT and back, and film the way back; `folder` is temporary."""
     page.get_by_role('tab', name='Run').click()
     page.locator('label.q-select:visible:has-text("state")').click()
     page.get_by_role('option', name='soliton', exact=True).click()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures for the pages about viewers: the content of the topics in the layout of each viewer.
+"""Pictures for the pages about viewers: messages of the suite, in the layout of each viewer.
 
 The commands
 
@@ -217,7 +217,7 @@ def draw_diagnostics(axes: Axes, received: Any) -> None:
 
 
 def rviz(received: Any) -> Figure:
-    """Return a figure like the view of RViz: the markers, and the kymograph below them."""
+    """Return a figure with the displays of RViz: the markers, and the kymograph below them."""
     figure = plt.figure(figsize=(9, 4.2), layout='constrained')
     above, below = figure.subplots(2, 1, height_ratios=(1, 1.2))
     draw_markers(above, received)
@@ -226,7 +226,7 @@ def rviz(received: Any) -> Figure:
 
 
 def foxglove(received: Any, series: Any) -> Figure:
-    """Return a figure like Foxglove with foxglove.json: each panel at its position."""
+    """Return a figure with the panels of foxglove.json, arranged as in Foxglove."""
     held = json.loads((VIEWS / 'foxglove.json').read_text(encoding='utf-8'))
     figure = plt.figure(figsize=(10, 6))
     panels = held['configById']
@@ -279,10 +279,7 @@ def plotjuggler(series: Any) -> Figure:
 
 
 def rqt(received: Any, series: Any) -> Figure:
-    """Return a figure with the content of each plugin that rqt.perspective opens in rqt.
-
-    The plugins are the kymograph, the plots and the diagnostics monitor.
-    """
+    """Return a figure with the plugins of rqt.perspective: kymograph, plots and diagnostics."""
     held = json.loads((VIEWS / 'rqt.perspective').read_text(encoding='utf-8'))
     plugins = held['groups']['pluginmanager']['groups'].items()
     figure = plt.figure(figsize=(9, 4), layout='constrained')
@@ -305,10 +302,7 @@ def rqt(received: Any, series: Any) -> Figure:
 
 
 def urdf() -> None:
-    """Write urdf.png, in which MuJoCo draws the URDF of a chain with a soliton.
-
-    No display is needed.
-    """
+    """Write urdf.png, in which MuJoCo draws the URDF of a chain, without a display."""
     os.environ |= {'MUJOCO_GL': 'egl', 'PYOPENGL_PLATFORM': 'egl'}
     try:
         import mujoco

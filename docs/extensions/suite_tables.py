@@ -74,9 +74,9 @@ class CaptionedDirective(SphinxDirective):
 
 
 def beside(directive: SphinxDirective, path: str) -> Path:
-    """Return the path of a file that is given relative to the folder of the page.
+    """Return an absolute path; Sphinx then builds the page again if the file changes.
 
-    Sphinx builds the page again if this file changes.
+    `path` is relative to the folder of the page.
     """
     _, absolute = directive.env.relfn2path(path)
     directive.env.note_dependency(absolute)

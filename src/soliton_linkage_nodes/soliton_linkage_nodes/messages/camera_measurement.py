@@ -136,7 +136,7 @@ def median_deviation(frame: AngleFrame) -> float:
 def walls_on_overlay(
     solitons: tuple[AnalysedSoliton, ...], spacing: float, since: float = 0.0
 ) -> list[WallMark]:
-    """Return marks for the overlay at the positions of the solitons `since` [s] after their state.
+    """Return marks at the positions that the solitons have `since` [s] after their state.
 
     `spacing` is the distance between neighbouring pivots [m].
     """

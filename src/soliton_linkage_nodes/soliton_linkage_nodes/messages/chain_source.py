@@ -76,7 +76,7 @@ def declare_chain(node: Node) -> NamedChain:
 
 
 def chain_of(read: Callable[[Any], Any]) -> NamedChain:
-    """Return the chain that parameters describe; `read` creates an instance of each class."""
+    """Return the chain that parameters describe; `read` returns a parameter class with values."""
     chain: Chain = read(Chain)
     given: Deviations = read(Deviations)
     disorder: Disorder = read(Disorder)

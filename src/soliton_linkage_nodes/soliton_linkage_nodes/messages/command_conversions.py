@@ -224,8 +224,8 @@ def last_kick_to_msg(named: NamedChain, kick: KickReport) -> msg.LastKick:
 class StampRule:
     """Limits for the stamps of commands; the stamp 0 means the present time.
 
-    A command may be at most `oldest` [s] old (if `oldest` is 0: `longest`), and it must end at
-    most `longest` [s] from now.
+    A command may be at most `oldest` [s] old, or at most `longest` [s] if `oldest` is 0. It must
+    end at most `longest` [s] from now.
     """
 
     oldest: float

@@ -184,7 +184,7 @@ def impulses_from_msg(
 
 
 def state_from_reset(named: NamedChain, request: Any, now: State) -> State:
-    """Return the state after the reset of the state `now` that a `Reset.Request` describes.
+    """Return the state into which a `Reset.Request` puts a chain in the state `now`.
 
     Joints that the request does not name keep their angle. Without rates in the request, all rates
     are 0. Raises ValueError if an angle or a rate is rejected.

@@ -150,9 +150,8 @@ def private_domain() -> Iterator[None]:
 def restrict_to_loopback() -> None:
     """Make this process and its children unreachable from other machines.
 
-    For Fast DDS, this requires a profile. With the discovery range LOCALHOST, Fast DDS would open
-    sockets on all interfaces, and its shared memory could block all nodes if a process is killed
-    while it starts.
+    Fast DDS gets a profile instead of the discovery range LOCALHOST. With this range it would open
+    sockets on all interfaces, and its shared memory could block all nodes after a kill.
     """
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     try:

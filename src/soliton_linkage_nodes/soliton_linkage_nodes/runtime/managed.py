@@ -68,7 +68,7 @@ class ManagedNode(GuardedNode, LifecycleNode):
             self._start()
 
     def declare_parameters_of_node(self) -> None:
-        """Declare all of `PARAMETERS`; ValueError if a value is not allowed."""
+        """Declare the parameters in `PARAMETERS`; ValueError if a value is not allowed."""
         for group, prefix in self.PARAMETERS.items():
             declare(self, group, prefix)
 
@@ -180,7 +180,7 @@ class ManagedNode(GuardedNode, LifecycleNode):
                 destroy(self, entity)
 
     def _reject_impossible_transitions(self) -> None:
-        """Reject impossible transitions. In Jazzy, such a request would end the process."""
+        """Reject requests for impossible transitions, which would end the process in Jazzy."""
         service = self._service_change_state
         change = service.callback
 

@@ -95,7 +95,7 @@ class Punctuality(NamedTuple):
 
 
 class PacedLoop:
-    """Thread that calls a function at the times t0 + k / rate, k = 0, 1, ...
+    """Thread that calls a function at t0 + k / rate, k = 0, 1, ..., with its start time t0.
 
     A call that is more than 0.1 s late postpones all later deadlines, so that the missed calls do
     not follow in a burst. A change of the rate sets t0 to the current time. At an infinite rate,

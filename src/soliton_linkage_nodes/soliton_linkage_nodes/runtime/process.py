@@ -96,7 +96,7 @@ def interrupt_on_signals() -> None:
 
 @contextmanager
 def interruptible(stopping: threading.Event) -> Iterator[None]:
-    """In a block, raise KeyboardInterrupt at SIGINT or SIGTERM, or now if `stopping` is set."""
+    """Raise KeyboardInterrupt in a block at a signal, or at its start if `stopping` is set."""
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     interrupt_on_signals()
     try:

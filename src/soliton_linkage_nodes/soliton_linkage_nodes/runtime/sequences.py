@@ -18,8 +18,8 @@ _SILENT_PERIODS = 5
 _MEMORY = 20
 """The period of a publisher is averaged over about this many messages [1]."""
 _GAP_RATIO = 3.0
-"""A message is probably from another publisher if the time since the last message of a publisher
-differs from the expected time by more than this factor [1]."""
+"""A message probably does not come from a publisher if the time since the last message of this
+publisher differs from the expected time by more than this factor [1]."""
 _NANOSECOND = 1e-9
 """One nanosecond [s]."""
 _OFFSET_WINDOW = 10.0
@@ -30,10 +30,9 @@ short because clocks drift."""
 class SequenceGaps:
     """Counter of the messages of a topic that were published and never received.
 
-    Each publisher numbers its messages 1, 2, 3, ... Of the numbers of the last messages received
-    from each publisher, the largest one below n is sought: message n belongs to that publisher. If
-    there is none, or if the number found is not n - 1 and the ROS graph lists more publishers than
-    are known, message n belongs to a new publisher.
+    Each publisher numbers its messages 1, 2, 3, ... Message n belongs to the publisher whose last
+    received number is the largest one below n. It belongs to a new publisher if there is no such
+    number, or if this number is not n - 1 and the ROS graph lists more publishers than are known.
     """
 
     def __init__(self) -> None:
@@ -80,7 +79,7 @@ class MissedStarts:
     def missed(self) -> int:
         """Number of messages sent after the subscription but before the first received one.
 
-        A publisher counts if it can have sent all its earlier messages since the subscription.
+        Publishers that probably sent some messages before the subscription are left out.
         """
         before = ((each.number - 1, each) for each in self._newcomers)
         return sum(count for count, each in before if count * each.period <= each.elapsed)
@@ -136,9 +135,8 @@ class _Publisher:
 class PublisherArbitration:
     """Filter that keeps only the messages of one selected publisher of a topic.
 
-    The first message selects its publisher. When this publisher becomes silent, another one
-    replaces it. A message belongs to the publisher whose last number and message period it
-    continues best.
+    The publisher of the first message is selected. When it becomes silent, another one replaces
+    it. A message is assigned to the publisher whose last number and message period fit best.
     """
 
     def __init__(self) -> None:

@@ -54,9 +54,9 @@ class SimulationControl:
     """Simulation that publishes one frame after the other and applies commands in between.
 
     All waiting kicks, the latest torques and the latest gravity act from the time of the next
-    published frame on. The angular velocities in a frame are those after its kicks. If the next
-    frame cannot be computed, the simulation pauses until a reset. Other threads may call all
-    methods except `tick`. Only `step` waits for the computation of frames, which may take seconds.
+    published frame on. The angular velocities in this frame include the effect of the kicks. If
+    the next frame cannot be computed, the simulation pauses until a reset. Other threads may call
+    all methods except `tick`; `step` may take seconds.
     """
 
     def __init__(
@@ -74,8 +74,8 @@ class SimulationControl:
         `begin` creates a simulation from a state and the gravity. Torques end after the simulated
         time `command_timeout` [s]; 0 means no limit. If kicks act at a frame, `announce` is called
         with the frame number and the sum of their impulses [N m s], shape (N,). Then, for every
-        frame, `publish` is called with the frame number and the simulation. A reset computes its
-        first frame for at most `longest_trial` [s] of processor time.
+        frame, `publish` is called with the frame number and the simulation. A reset may spend at
+        most `longest_trial` [s] of processor time on the first frame of the new state.
         """
         self._begin = begin
         self._gravity = gravity
@@ -132,7 +132,7 @@ class SimulationControl:
             return True
 
     def kick(self, impulses: Array) -> str | None:
-        """Apply impulses [N m s], shape (N,), at the next frame; return why they are rejected."""
+        """Apply impulses [N m s], shape (N,), at the next frame; return the reason if rejected."""
         with self._lock:
             if len(self._commands.kicks) >= _MOST_KICKS:
                 return f'{_MOST_KICKS} kicks already wait for the next frame; wait for a frame'
@@ -141,13 +141,13 @@ class SimulationControl:
             return None
 
     def hold(self, torques: Array) -> None:
-        """Apply torques [N m], shape (N,), until others replace them or `command_timeout` ends."""
+        """Apply torques [N m], shape (N,), until new ones arrive, or for `command_timeout`."""
         with self._lock:
             self._commands.torques = torques
             self._commands.count += 1
 
     def set_gravity(self, gravity: Gravity) -> None:
-        """Set the gravity from the next frame on. A reset does not change it."""
+        """Set the gravity from the next frame on, also after resets."""
         with self._lock:
             self._gravity = gravity
 
@@ -165,7 +165,7 @@ class SimulationControl:
             return None
 
     def step(self, periods: int) -> str | None:
-        """Publish `periods` frames of the paused simulation; return the reason of a failure."""
+        """Publish `periods` frames of the paused simulation; return the reason if it fails."""
         if self._stopping:
             return 'the simulation is stopped; activate the simulator first'
         if not self._paused:
@@ -182,8 +182,8 @@ class SimulationControl:
     def reset(self, state: State) -> None:
         """Put the chain into a state, and drop waiting commands. The simulated time is not reset.
 
-        Raises ValueError, without any effect, if the mechanics do not allow the state or its first
-        frame cannot be computed.
+        Raises ValueError and changes nothing if the mechanics do not allow the state, or if the
+        first frame cannot be computed.
         """
         simulation = self._begin(state, self._gravity)
         simulation.set_non_reciprocity(self._non_reciprocity)

@@ -77,9 +77,8 @@ class DeliveryPublisher:
     """Publisher of `delivery`: the total impulses and the total work that the chain has received.
 
     A message is published at a frame if impulses or torques have acted since the frame before it.
-    Torques are constant between two frames. Their work is therefore exactly the sum, over the
-    rotors, of torque times change of the angle. A reset of the simulation does not change the
-    totals.
+    The work of torques is exact, because they are constant between two frames. A reset of the
+    simulation does not change the totals.
     """
 
     def __init__(self, node: Node, number_of_rotors: int, stamp: int) -> None:
@@ -93,10 +92,10 @@ class DeliveryPublisher:
         self._publisher.publish(delivery_to_msg(self._delivered))
 
     def add(self, stamp: int, simulation: Simulation) -> None:
-        """Add the impulses and torques that have acted since the previous frame.
+        """Add the impulses and torques since the previous frame to the totals.
 
-        The present frame has the stamp `stamp` [ns]. Impulses that act at it are added at the next
-        frame.
+        `stamp` is the stamp of the present frame [ns]. Impulses that act at the present frame are
+        added at the next frame.
         """
         if simulation is not self._simulation:
             self._simulation = simulation
@@ -150,7 +149,7 @@ class FramePublisher:
         return int(self._joint_states.qos_profile.depth)
 
     def begin(self) -> None:
-        """On the first call, publish the chain and set the first frame's stamp to the present."""
+        """On the first call, publish the chain and set the stamp of the first frame to now."""
         if self.epoch is not None:
             return
         self.epoch = Clock(clock_type=ClockType.SYSTEM_TIME).now().nanoseconds

@@ -126,8 +126,8 @@ def serve_standard(node: Node, services: SimulationServices) -> StandardServices
 class StandardServices:
     """Services of the package simulation_interfaces, which pause, step and reset the simulation.
 
-    The state "stopped" of the package means paused and reset here. After a request for this state,
-    the simulation is "stopped" until the next frame, and later "paused".
+    A request for the state "stopped" pauses and resets the simulation. The reported state is
+    "stopped" until the next frame, and then "paused".
     """
 
     def __init__(self, services: SimulationServices, messages: Any, types: Any) -> None:
