@@ -85,10 +85,7 @@ def picture_from_compressed_msg(message: CompressedImage) -> Picture:
 
 
 def picture_to_compressed_msg(stamp: int, frame_id: str, picture: Picture) -> CompressedImage:
-    """Return a JPEG message from pixels of shape (rows, columns, 3) in the order blue, green, red.
-
-    `stamp` is in [ns].
-    """
+    """Return a JPEG message from BGR pixels, shape (rows, columns, 3), with a `stamp` [ns]."""
     cv2 = opencv()
     _, data = cv2.imencode('.jpg', picture, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
     return CompressedImage(

@@ -32,10 +32,7 @@ def serialize(message: Any) -> bytes:
 
 
 def _end(message: Any, begin: int) -> int:
-    """Return the end of a message that begins at `begin`.
-
-    Both positions are counted from the end of the encapsulation header [B].
-    """
+    """Return where a message ends; positions do not count the encapsulation header [B]."""
     for name, kind in message.get_fields_and_field_types().items():
         begin = _end_of_field(getattr(message, name), kind, begin)
     return begin

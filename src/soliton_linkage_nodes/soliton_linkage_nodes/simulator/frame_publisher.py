@@ -27,8 +27,7 @@ class SensedJoints:
     """Serialized joint states as simulated encoders measure them.
 
     Joints without an encoder are omitted. The angles include the known encoder offsets and the
-    errors of the encoders. The angular velocities include only these errors. The torques are
-    exact.
+    errors of the encoders, the angular velocities only these errors. The torques are exact.
     """
 
     def __init__(

@@ -45,9 +45,9 @@ _POLL_INTERVAL = 0.02
 class Simulator(ManagedNode):
     """Node that publishes the angles of a simulated chain at a fixed rate.
 
-    It publishes `joint_states` [rad, rad/s, N m], `chain` (latched), `delivery` (latched) and
-    `/diagnostics`. If the parameter `publish_clock` is true, it also publishes `/clock`. If
-    impulses act at a frame, it publishes them on `delivered_impulses` [N m s] before the frame.
+    It publishes `joint_states` [rad, rad/s, N m], `chain` (latched), `delivery` (latched),
+    `/diagnostics`, `/clock` if `publish_clock` is true, and, before a frame at which impulses act,
+    their sum on `delivered_impulses` [N m s].
 
     It subscribes to `rotor_impulses` [N m s], `rotor_torques` [N m] and `tilt` [rad]. A message on
     `tilt` sets the parameter `gravity.tilt`. It serves `~/pause`, `~/step` and `~/reset`. If the
@@ -262,11 +262,7 @@ class SimulationReport:
         return Report(message, {**figures, **world}, warning=bool(fault or late))
 
     def _message(self, status: SimulationStatus, late: int, slow: bool) -> tuple[str, str]:
-        """Return the message of the report and the fault to be logged, or '' without a fault.
-
-        `late` deadlines were missed since the last report; `slow` means that no due frame was
-        published.
-        """
+        """Return the message of the report and the fault to be logged, or '' without a fault."""
         if status.failure:
             return (f'paused, {status.failure}',) * 2
         if slow:

@@ -21,7 +21,7 @@ class SimulatorParameters(WorldParameters):
         500.0, 'rate of joint_states in simulated time', 'Hz', 1.0, 10_000.0
     )
     real_time_factor: float = quantity(
-        1.0, 'simulated time per clock time, 0: unlimited', '', 0.0, 1000.0, adjustable=True
+        1.0, 'simulated time per real time, 0 for no limit', '', 0.0, 1000.0, adjustable=True
     )
     missing_joints: tuple[str, ...] = quantity(
         (), 'joints left out of joint_states, by name or number; empty for none'
@@ -31,8 +31,9 @@ class SimulatorParameters(WorldParameters):
     )
     stamp_tolerance: float = quantity(
         10.0,
-        'largest difference between the stamp of a command and the nearer of clock and last '
-        'frame, 0 for no limit. Sensitivity: at 0.5x, messages may be half as old',
+        'impulses and torques are rejected if their stamp differs by more than this both from the '
+        'clock and from the stamp of the last frame, 0 for no limit. Sensitivity: at 0.5x, '
+        'messages may be half as old',
         's',
         0.0,
         86_400.0,

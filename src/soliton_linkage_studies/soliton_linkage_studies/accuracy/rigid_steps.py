@@ -26,7 +26,7 @@ _CAPTION = """ Chains of rigid bars that swing in tilted gravity, for up to {ste
 Each class of chain has a colour and a marker. (a) Largest relative error of a bar length. (b)
 Absolute error of the energy, divided by the largest kinetic or potential energy so far. Each point
 is the maximum since the previous point. The dashed grey line is the rounding error {rounding:.1e}
-of a number. Values below a hundredth of it are drawn at this limit.
+of a number. Values below a hundredth of this error are drawn at a hundredth of it.
 """
 _ROUNDING = float(np.finfo(np.float64).eps)
 _POINTS = 60
