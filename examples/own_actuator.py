@@ -15,7 +15,7 @@ from soliton_linkage.linkage.quantities import check_quantities, quantity
 
 @dataclass(frozen=True)
 class VoiceCoil:
-    """Voice coil; commands and levels are currents [A], and the torque is proportional to them."""
+    """Voice coil, whose torque is proportional to the current; its commands are currents [A]."""
 
     torque_per_current: float = quantity(
         5e-3, 'torque along the unit zero mode per current', 'N m/A', 1e-9
@@ -45,7 +45,7 @@ class VoiceCoil:
         return self.torque_per_current * current
 
     def is_saturated(self, current: float) -> bool:
-        """Return whether the torque of a current is saturated; a voice coil never saturates."""
+        """Return False, because a voice coil never saturates."""
         return False
 
     def pulse_command(self, impulse: float, duration: float) -> float:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Custom encoder driver: a node that publishes the angles from a function.
+"""Custom encoder driver: a node that publishes the angles that a function returns.
 
-Run the analyser in a second terminal, and specify the chain with its parameters:
+Run the analyser in a second terminal, and specify the chain by parameters of the analyser:
 
     soliton_analyser --ros-args -p chain_from:=parameters -p chain.number_of_rotors:=20
 """
@@ -24,8 +24,8 @@ RATE = 100.0
 def read_angles(time: float) -> list[float]:
     """Return the angle of each rotor [rad] from +z towards +x, NaN if an encoder has no reading.
 
-    This example reads no bus, but simulates a wall of width 2 rotor spacings that moves from rotor
-    0 to the last rotor at 5 rotors/s. Odd rotors report phi = pi - theta.
+    This example reads no encoders. It simulates a wall of width 2 rotor spacings that moves from
+    rotor 0 to the last rotor at 5 rotors/s. Odd rotors report phi = pi - theta.
     """
     site = 5 * time % ROTORS
     lean = [0.97 * math.tanh((site - rotor) / 2) for rotor in range(ROTORS)]

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compare the speed of a soliton after one kick in chains with different rest angles.
 
-A slow wall of the discrete chain has the speed v = a |phi_dot| / Lambda. Lambda is the arc
-length of the zero-energy orbit per rotor spacing.
+A slow wall of the discrete chain has the speed v = a |phi_dot| / Lambda with the arc length Lambda
+of the zero-energy orbit per rotor spacing.
 """
 
 import numpy as np

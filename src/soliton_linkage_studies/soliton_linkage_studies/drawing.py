@@ -52,11 +52,11 @@ PIXELS: Any = {
 }
 """Keywords of `Axes.imshow` for images of displacements or order fields."""
 _MARGIN = 0.35
-"""Width of the empty margin around the area that the rotors can reach [rotor spacings]."""
+"""Width of the margin around the area that the rotors can reach [rotor spacings]."""
 _ROW = 0.3
 """Height of a row of displacement arrows [rotor spacings]."""
 _ARROW = 1.2
-"""Length of the arrow for a mode component of 1, as a multiple of the larger of a and r [1]."""
+"""Default length of the arrow for a mode component of 1, divided by the larger of a and r [1]."""
 
 
 def pivot_points(chain: Chain) -> Array:
@@ -88,7 +88,7 @@ def limits(
     """Return the limits left, right, bottom and top [m] of a picture of a chain.
 
     If `projections` is true, space for the displacement arrows is included. Odd rotors are drawn
-    `lowered` [m] below the others.
+    `lowered` [m] below even ones.
     """
     margin = _MARGIN * chain.spacing
     reach = float(chain.rotor_lengths.max()) + margin
@@ -97,7 +97,7 @@ def limits(
 
 
 def lean_norm(chain: Chain) -> FuncNorm:
-    """Return the norm (matplotlib) from displacements u [m] to positions in `LEAN_COLOURS`."""
+    """Return the matplotlib norm from displacements u [m] to positions in `LEAN_COLOURS`."""
     positions, shares = lean_colour_scale(chain)
     return FuncNorm(
         (partial(_between, positions, shares), partial(_between, shares, positions)),
@@ -107,10 +107,10 @@ def lean_norm(chain: Chain) -> FuncNorm:
 
 
 class ChainPicture:
-    """Matplotlib artists of one chain; `update` moves them. The axis limits fit the chain.
+    """Matplotlib artists of one chain, which `update` moves; the axis limits fit the chain.
 
     Pivots are crosses, rotors black bars and masses blue dots. Springs are dashed red lines, rigid
-    bars solid red lines. If rotors overlap their neighbours, every other rotor is grey.
+    bars solid red lines. If neighbouring rotors overlap, odd ones are grey.
     """
 
     def __init__(
@@ -128,7 +128,7 @@ class ChainPicture:
         """Draw a chain at angles [rad] with an optional mode [1], each of shape (N,).
 
         A mode component of 1 is drawn as an arrow of `arrow_length` [m]. Odd rotors are drawn
-        `lowered` [m] below the others, so that rotors do not overlap.
+        `lowered` [m] below even ones, so that rotors do not overlap.
         """
         self.chain = chain
         self.axes = axes
@@ -250,8 +250,8 @@ def draw_torus(axes: Axes, chain: Chain, curves: Sequence[Array]) -> None:
     """Draw the configuration space of a unit cell as curves on a torus (paper, Fig. 4c).
 
     Each curve contains staggered angles [rad], shape (K, 2). Opposite sides of the square plot are
-    the same line on the torus. Triangles mark the four uniform ground states: purple if they lean
-    right, orange if they lean left.
+    the same line on the torus. Triangles mark the four uniform states: purple for right-leaning
+    states, orange for left-leaning ones.
     """
     for number, curve in enumerate(curves):
         colour = CURVE_COLOURS[number % len(CURVE_COLOURS)]
@@ -277,7 +277,7 @@ def split_at_wraps(curve: Array) -> Array:
 
 
 def towards_camera(azimuth: float, elevation: float) -> Array:
-    """Return the unit vector towards a camera at an azimuth and elevation [rad], shape (3,)."""
+    """Return the unit vector to a camera, given its azimuth and elevation [rad], shape (3,)."""
     flat = math.cos(elevation)
     return np.array([flat * math.cos(azimuth), flat * math.sin(azimuth), math.sin(elevation)])
 
@@ -337,7 +337,6 @@ def _turned(tilt: float) -> Array:
 
 
 def _between(positions: Array, values: Array, wanted: ArrayLike) -> Array:
-    """Interpolate linearly like `np.interp`, but extrapolate linearly beyond the ends."""
     at = np.asarray(np.ma.filled(wanted, np.nan), dtype=np.float64)
     slopes = np.diff(values)[[0, -1]] / np.diff(positions)[[0, -1]]
     below, above = np.minimum(at - positions[0], 0), np.maximum(at - positions[-1], 0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Experiments of the paper: a chain at rest is kicked along its zero mode and its wall moves."""
+"""Experiments of the paper: the wall of a chain at rest is kicked along the zero mode."""
 
 from __future__ import annotations
 
@@ -21,15 +21,16 @@ DISTANCE_LABEL = 'n - X [rotor spacings]'
 """Axis label of the distance of a rotor from a wall."""
 
 _ARCTANH_REACH = 0.9
-"""A width fit ignores order fields |m| above this [1], because arctanh(m) amplifies errors."""
+"""A width fit ignores order fields |m| above this [1], because arctanh(m) amplifies their
+errors."""
 _MIDDLE = 0.3
-"""Walls are measured in the middle part of a chain, which has this fraction of its length [1]."""
+"""Length of the middle part of a chain, in which walls are measured / length of the chain [1]."""
 _FRAMES = 600
 """Number of frames in a recording of a crossing."""
 _SLACK = 1.1
-"""Smallest recording time of a crossing, as a multiple of `slow_crossing_time` [1]."""
+"""A crossing is recorded for at least this times `slow_crossing_time` [1]."""
 _TRANSIENT = 1.5
-"""Smallest recording time of a crossing, as a multiple of the crossing time of sound [1]."""
+"""A crossing is recorded for at least this times the crossing time of sound [1]."""
 
 
 def kick_rates(
@@ -38,7 +39,7 @@ def kick_rates(
     """Return the angular velocities that drive the wall away from an edge [rad/s], shape (N,).
 
     The velocities are phi_dot = (a / r) sqrt(k_e / M) v0 e with the zero mode e of norm 1. The
-    kick v0 is the norm r |phi_dot| in units of a sqrt(k_e / M). Raises ValueError if the wall is
+    kick v0 is the norm r |phi_dot| divided by a sqrt(k_e / M). Raises ValueError if the wall is
     nearer to the other edge, unless `anywhere` is true.
     """
     speed = kick * chain.spacing / (chain.rotor_length * chain.time_unit)
@@ -54,13 +55,13 @@ def record_kick(chain: Chain, kick: float, duration: float, frames: int) -> Reco
 
 
 def record_moving_wall(chain: Chain, kick: float) -> tuple[Recording, float]:
-    """Record a kicked chain while its wall crosses; return also the speed [rotor spacings/s]."""
+    """Record the crossing of a kicked wall; return also the wall speed [rotor spacings/s]."""
     recording = record_kick(chain, kick, crossing_duration(chain, kick), _FRAMES)
     return recording, snapshots(chain, recording, 2).speed
 
 
 def crossing_duration(chain: Chain, kick: float) -> float:
-    """Return a recording time that is long enough for a kicked wall to cross [time units]."""
+    """Return a recording time in which a kicked wall crosses the chain [time units]."""
     fastest = (chain.number_of_rotors - 1) * chain.spacing / speed_of_sound(chain)
     return max(_SLACK * slow_crossing_time(chain, kick), _TRANSIENT * fastest / chain.time_unit)
 
@@ -113,8 +114,8 @@ def snapshots(chain: Chain, recording: Recording, count: int) -> Snapshots:
 def first_passage(chain: Chain, positions: Array) -> slice:
     """Return the range of frames in which a wall first passes the middle of the chain.
 
-    `positions` are the wall positions [rotor spacings], shape (T,). The middle is the range from
-    35 to 65 % of the length of the chain.
+    The middle is the range from 35 to 65 % of the length of the chain. `positions` are the wall
+    positions [rotor spacings], shape (T,).
     """
     middle = (chain.number_of_rotors - 1) / 2
     inside = np.abs(positions - middle) < _MIDDLE * middle
@@ -125,10 +126,10 @@ def first_passage(chain: Chain, positions: Array) -> slice:
 def static_profile(chain: Chain, middle: float) -> tuple[Array, Array]:
     """Combine static walls at ten positions into one profile.
 
-    The positions are `middle`, `middle` + 0.1, ... `middle` + 0.9 [rotor spacings]. Returns the
-    distances of the rotors from the wall [rotor spacings] and their order field m [1], each of
-    shape (K,) for the K inner rotors of all ten walls. Edge rotors are excluded, because each of
-    them has two rest angles.
+    The walls are at `middle`, `middle` + 0.1, and so on to `middle` + 0.9 [rotor spacings].
+    Returns the distances of the rotors from their wall [rotor spacings] and their order field m
+    [1], each of shape (K,) for all rotors of the ten walls except the edge rotors, which have two
+    rest angles.
     """
     rotors, beyond = np.arange(chain.number_of_rotors), np.arange(SNAPSHOTS) / SNAPSHOTS
     fields = [order_field(chain, static_wall(chain, middle + each))[0] for each in beyond]
@@ -145,7 +146,7 @@ def wall_positions(chain: Chain, recording: Recording) -> Array:
 def zero_crossing(field: Array) -> float:
     """Return the position of the first zero of an order field, shape (N,); NaN without a zero.
 
-    Edge rotors are excluded, because at their second rest angle the order field has another value.
+    Edge rotors are excluded: at their second rest angle the order field is not +1 or -1.
     """
     negative = np.signbit(field[1:-1])
     crossings = np.flatnonzero(negative[1:] != negative[:-1])

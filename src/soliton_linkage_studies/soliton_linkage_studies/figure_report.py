@@ -21,14 +21,14 @@ from soliton_linkage.linear.bands import couplings
 from soliton_linkage.linkage.chain import Chain
 
 _RESOLUTION = 150
-"""Resolution of PNG pictures [pixels per inch]; the pictures are 1200 to 2000 pixels wide."""
+"""Resolution of PNG pictures [pixels per inch]."""
 _DIGITS = 5
-"""Number of significant digits in a table [1]; most theories are less accurate than this."""
+"""Number of significant digits in a table [1]."""
 _LINE = 95
 """Largest number of characters in a line of a caption."""
 _FUNCTIONS = ('sin', 'cos', 'ln', 'min', 'max')
 _ROUNDING = 1e-11
-"""Smaller errors are written as 0 in a table [1]; sums of 1000 terms have such rounding errors."""
+"""Smaller errors are rounding errors and written as 0 in a table [1]."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class Comparison:
     paper: str | Formula
     """Value or formula from the paper, with the equation number."""
     theory: str | Formula
-    """Formula for the discrete chain, or a text that names the source of the value `stated`."""
+    """Formula for the discrete chain, or the name of the source of the value `stated`."""
     measured: float
     """Value measured on the simulated chain."""
     stated: float = math.nan
@@ -91,7 +91,7 @@ class Comparison:
     def error(self) -> str:
         """Relative difference between measured value and theory [%], as a text.
 
-        The text is the measured value if the theoretical value is 0, and empty if there is none.
+        If the theoretical value is 0, the text is the measured value; without theory, it is empty.
         """
         if not math.isfinite(self.expected):
             return ''
@@ -110,7 +110,7 @@ class FigureReport:
 
     figure: Figure
     caption: str
-    """Description of the figure, and of the symbols, lines and colours that the legend omits."""
+    """Description of the figure, and of the symbols, lines and colours that its legend omits."""
     rows: list[tuple[str, str, float, float, str, str]] = field(default_factory=list)
     """Drawn points, as (panel, series, x, y, x_name, y_name)."""
     comparisons: list[Comparison] = field(default_factory=list)
@@ -162,7 +162,7 @@ class FigureReport:
 
 
 def save_page(report: FigureReport, folder: Path, name: str, table: str = 'table.md') -> str:
-    """Save `report`, and its comparisons in the file `table`; return this table and the folder."""
+    """Save a report and the table of its comparisons; return a text with the table and folder."""
     report.save(folder, name)
     write_table({name: report.comparisons}, folder / table, [name])
     table = (folder / table).read_text(encoding='utf-8')
@@ -192,8 +192,8 @@ def write_table(
 ) -> None:
     """Write a Markdown table of the comparisons in `drawn`, whose keys are figure names.
 
-    If the file exists, its rows of other figures are kept. The figures are in the order of
-    `order`; figures that `order` does not contain are removed.
+    If the file exists, its rows of other figures remain. The table contains only the figures in
+    `order`, in this order.
     """
     rows = _rows_by_figure(path)
     for name, comparisons in drawn.items():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measurements on a chain for a sweep; each measurement returns the values of one table row."""
+"""Measurements on a chain for a sweep; each one returns the values of one table row."""
 
 from __future__ import annotations
 
@@ -29,9 +29,10 @@ _TOLERANCE = 1e-8
 _FRAMES_A_SPACING = 4.0
 """Approximate number of frames in which a wall moves by one rotor spacing [1]."""
 _FRAMES_A_SWING = 40.0
-"""Approximate number of frames in which an edge rotor turns by 1 rad or, if smaller, a / r [1]."""
+"""Approximate number of frames in which an edge rotor turns by the smaller of 1 rad and a / r
+[1]."""
 _DEPARTED = 1.5
-"""A wall of a spinner has left an edge after it has moved by more than this [rotor spacings]."""
+"""The wall of a spinner has left the edge after a motion of more than this [rotor spacings]."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,8 @@ class Leg:
     crossed: bool
     """Whether the wall reached the other edge."""
     furthest: float
-    """Wall position at the largest distance from the edge where the leg began [rotor spacings]."""
+    """Wall position at the largest distance from the edge at which the leg began [rotor
+    spacings]."""
     arc: float
     """Arc length of the leg in configuration space, with the Euclidean norm [rad]."""
 
@@ -60,7 +62,7 @@ def follow_wall(chain: Chain, edge: Edge = Edge.FIRST, legs: int = 2) -> tuple[L
     the edge rotor and its spring are in line, because then the zero mode is localised on this
     rotor. The wall of a spinner reaches an edge when the edge rotor has the largest component of
     the zero mode. Raises ValueError if the chain is periodic or has no rest state, or if `legs` is
-    below 1, and ArithmeticError if the bars jam.
+    below 1. Raises ArithmeticError if the bars jam.
     """
     _check_ends(chain)
     if legs < 1:
@@ -140,10 +142,10 @@ class _Walker:
 
 
 def _frame_arc(chain: Chain) -> float:
-    """Return the frame period [s], which is also the arc length per frame [rad] at 1 rad/s.
+    """Return the frame period [s] for rates of norm 1 rad/s.
 
-    This arc length resolves the motion of the wall or, if this takes fewer frames, the swing of an
-    edge rotor.
+    The period resolves the motion of the wall or the swing of an edge rotor, whichever needs fewer
+    frames.
     """
     spacings = 1 + chain.wall_width / chain.spacing
     of_wall = chain.rest_angle / (_FRAMES_A_SPACING * math.sqrt(spacings))
@@ -163,10 +165,10 @@ BLOCKED = 'blocked'
 MECHANICS = ('elastic', 'rigid')
 OUTCOMES = ('returns', 'crosses', 'lost')
 _PIECE = 20
-"""A simulation ends only after multiples of this time, if the wall has returned [time units]."""
+"""Interval at which the simulation checks whether the wall has returned [time units]."""
 _WALL_REACH = 4
-"""Distance from a wall within which energy is energy of the wall, in units of the larger of wall
-width and penetration depth [1]. This range contains 98 % of the energy of a wall."""
+"""Energy within this distance of a wall counts as energy of the wall, of which it is 98 % [larger
+of wall width and penetration depth]."""
 _JUMP = 5
 """If a track jumps by this or more between frames, it follows another wall [rotor spacings]."""
 
@@ -175,7 +177,7 @@ Value = float | int | str
 
 @dataclass(frozen=True)
 class SweepTrial(CheckedQuantities):
-    """Parameters of a trial, in which a wall is sent through a chain."""
+    """Parameters with which a wall is sent through a chain."""
 
     kick: float = quantity(
         0.1,
@@ -194,7 +196,7 @@ class SweepTrial(CheckedQuantities):
 
 
 class SentWall(NamedTuple):
-    """Recorded motion of a chain with a wall, and the track and the crossings of this wall."""
+    """Recorded motion of a chain, with the track and the crossings of its wall."""
 
     recording: Recording
     track: Track
@@ -203,7 +205,7 @@ class SentWall(NamedTuple):
 
 @dataclass(frozen=True)
 class Measure:
-    """Measurement on a chain, and the one of its columns that the picture shows."""
+    """Measurement on a chain; a picture shows one of the measured columns."""
 
     take: Callable[[Chain, SweepTrial, SentWall | None], dict[str, Value]]
     columns: tuple[str, ...]
@@ -214,13 +216,13 @@ class Measure:
     sends_wall: bool = True
     """Whether the measurement of an elastic chain needs the result of `send_wall`."""
     classes: tuple[str, ...] = ()
-    """Possible values of the column `shown`, best first; empty if its values are numbers."""
+    """Possible values of the column `shown`, best first; empty if this column contains numbers."""
 
 
 def measure_motion(
     chain: Chain, _trial: SweepTrial, _sent: SentWall | None = None
 ) -> dict[str, Value]:
-    """Return the motion class and the number of bonds that may stop a wall."""
+    """Return the motion class, and the number of bonds that may stop a wall."""
     motion, obstacles = motion_of_bonds(chain), int(blocked_bonds(chain).sum())
     return {'motion': motion.value if motion else BLOCKED, 'obstacles': obstacles}
 
@@ -231,8 +233,8 @@ def measure_speed(
     """Measure the outcome, the speed and the phonon energy of a wall kicked off the right edge.
 
     `speed` [a sqrt(k_e / M)] is the mean over the middle three fifths of the chain. `phonons` is
-    the result of `phonon_share`. `speed` and `phonons` are NaN if the wall does not cross the
-    chain. `sent` is the result of `send_wall`; if it is None, `send_wall` is called.
+    the result of `phonon_share`. Both are NaN if the wall does not cross the chain. If `sent` is
+    None, `send_wall` is called.
     """
     recording, track, crossings = sent or send_wall(chain, trial)
     speed = phonons = math.nan
@@ -265,7 +267,7 @@ def send_walls(trials: Sequence[tuple[Chain, SweepTrial]]) -> list[SentWall | Ex
     """Kick the wall of each elastic chain off the right edge; simulate until it returns.
 
     The frame period is one time unit. A simulation also ends at the time limit of its trial. A
-    crossing is discarded if its track jumps by five rotor spacings or more between two frames. If
+    crossing is discarded if the track jumps by five rotor spacings or more between two frames. If
     a chain cannot be simulated, its result is the error that was raised.
     """
     results = [_begun(chain, trial) for chain, trial in trials]
@@ -303,7 +305,6 @@ def _begun(chain: Chain, trial: SweepTrial) -> SentWall | Exception:
 def _moved(
     chains: Sequence[Chain], sent: Sequence[Any], duration: float, tolerance: float
 ) -> list[Recording | ArithmeticError]:
-    """Continue the motion of each chain for `duration` [s]; return its recording or its error."""
     starts = [State(one.recording.angles[-1], one.recording.rates[-1]) for one in sent]
     try:
         how: Any = {'frames': _PIECE, 'tolerance': tolerance, 'executor': ThisThread()}
@@ -327,7 +328,7 @@ def _continued(chain: Chain, sent: Any, piece: Any) -> SentWall | ArithmeticErro
 
 
 def phonon_share(chain: Chain, recording: Recording, track: Track, crossing: Crossing) -> float:
-    """Return the fraction of the energy that is outside the wall at mid-crossing [1].
+    """Return the fraction of the energy outside the wall, half way through a crossing [1].
 
     A rotor is outside if its distance from the wall exceeds four times the larger of wall width
     and penetration depth. The result is NaN if fewer than half of the rotors are outside.
@@ -355,7 +356,7 @@ def _unbroken(track: Track, crossing: Crossing) -> bool:
 
 
 def _joined(first: object, second: object, names: tuple[str, ...]) -> list[Array]:
-    """Join the named arrays; omit the first frame of `second`, which is the last of `first`."""
+    """Join the named arrays; the first frame of `second` is omitted, because it ends `first`."""
     return [np.concatenate([getattr(first, name), getattr(second, name)[1:]]) for name in names]
 
 

@@ -34,17 +34,16 @@ MoveKey = tuple[str, str]
 """Name of a chain and name of a condition."""
 
 _TOLERANCE = 1e-8
-"""Largest integration error of an angle per time unit [rad]; it is far below the encoder noise."""
+"""Largest integration error of an angle per time unit [rad], far below the encoder noise."""
 _OBSERVATION_TIME = 0.2
 """Time from the first frame to the goal command [s], during which the wall is at rest."""
 _TIME_LIMIT = 120.0
 """Time limit of a move [s]; a longer move has the outcome NOT_HELD."""
 _SAMPLE_EVERY = 20
-"""A `MoveRun` contains one of this number of successive frames [1]; at 250 Hz, this is about one
-frame per pixel of the picture."""
+"""Ratio of the number of frames to the number of frames that a `MoveRun` contains [1]."""
 DISORDERED = ('spacing', 'rotor_length', 'mass', 'stiffness', 'rest_length')
 _DRAWS = 100
-"""Largest number of random draws of a disorder through which a wall can pass [1]."""
+"""Largest number of draws of a random disorder until a wall can pass through the chain [1]."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +72,7 @@ class MoveTask:
     frame_rate: float
     """Frames per second [Hz]."""
     held: float
-    """Time after the arrival during which the position error is observed [s]."""
+    """Time after the arrival in which the position error is observed [s]."""
     torque_limit: float
     """Largest torque of an actuator [N m]."""
 
@@ -123,7 +122,7 @@ class MoveTask:
 
 @dataclass(frozen=True)
 class MoveRun:
-    """Result of a move. The arrays contain every twentieth frame."""
+    """Result of a move; the arrays contain every twentieth frame."""
 
     outcome: Outcome
     duration: float
@@ -137,7 +136,7 @@ class MoveRun:
     phonon_energies: Array
     """Energy of the phonons [J], shape (T,)."""
     error: float
-    """Largest distance from the goal after the arrival [rotor spacings]; NaN unless REACHED."""
+    """Largest distance from the goal from the arrival on [rotor spacings]; NaN if not REACHED."""
     energy_left: float
     """Energy of the phonons at the end [J]."""
     peak_energy: float
@@ -145,10 +144,10 @@ class MoveRun:
 
 
 def _started(task: MoveTask, orbit: UniformOrbit) -> tuple[Chain, Array]:
-    """Return the chain of a task with its damping and disorder, and its initial angles [rad].
+    """Return the chain of a task with its damping and disorder, and the initial angles [rad].
 
-    The disorder is drawn again if a bond may block the wall, or if no rest state has the wall at
-    `task.start`.
+    The disorder is drawn again if a bond may block the wall, or if no rest state with the wall at
+    `task.start` is found.
     """
     damping = task.condition.decay * task.chain.moment_of_inertia
     chain = replace(task.chain, damping=damping)
@@ -205,12 +204,12 @@ def read_moves(settings: Section, quick: bool) -> dict[MoveKey, list[MoveTask]]:
 def numbered_tasks(
     tasks: Mapping[MoveKey, Sequence[MoveTask]],
 ) -> dict[tuple[MoveKey, int], MoveTask]:
-    """Return all tasks in one mapping; a key is a `MoveKey` and the number of the move."""
+    """Return all tasks in one mapping, whose keys are a `MoveKey` and the number of the move."""
     return {(key, number): task for key, each in tasks.items() for number, task in enumerate(each)}
 
 
 def runs_by_key(numbered: Mapping[tuple[MoveKey, int], MoveRun]) -> dict[MoveKey, list[MoveRun]]:
-    """Group runs by chain and condition; `numbered` has the keys that `numbered_tasks` returns."""
+    """Group runs by chain and condition; the keys of `numbered` are those of `numbered_tasks`."""
     runs: dict[MoveKey, list[MoveRun]] = {}
     for (key, _), run in numbered.items():
         runs.setdefault(key, []).append(run)
@@ -258,11 +257,11 @@ energy outside the motion of the wall. If two conditions give equal results, onl
 last condition is visible.
 """
 _REQUIRED_ACCURACY = 0.1
-"""Required holding accuracy: largest distance from the goal [rotor spacings]."""
+"""Required holding accuracy: largest allowed distance from the goal [rotor spacings]."""
 _LEAST_ERROR = 1e-6
 """Smaller distances from the goal are drawn at this value [rotor spacings]."""
 _LEAST_SHARE = 1e-16
-"""Smaller energy ratios are drawn at this value [1], which is about their rounding error."""
+"""Smaller energy ratios, which are rounding errors, are drawn at this value [1]."""
 
 
 def draw_moves(

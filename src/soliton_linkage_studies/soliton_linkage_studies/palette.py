@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Colours of all pictures. Each quantity has the same colour in every figure and film."""
+"""Colours of all pictures; a quantity has the same colour in every figure and film."""
 
 from __future__ import annotations
 
@@ -54,9 +54,9 @@ _REST = 0.30
 """Distance of the colour of a rest state from the middle of the colour map [map lengths]."""
 _NEAR_REST = ((0.95, 0.24), (1.0, _REST), (1.02, 0.36), (1.05, 0.41), (1.2, 0.46))
 """Nodes of the colour scale [1]: displacement / rest displacement, and distance of its colour from
-the middle of the map. They make oscillations of a few per cent about the rest state visible."""
+the middle of the map. Oscillations of a few per cent about the rest state are visible."""
 LEANS_RIGHT, LEANS_LEFT = (to_hex(colormaps[LEAN_COLOURS](0.5 + side * _REST)) for side in (1, -1))
-"""Colours of the uniform states that lean right and left."""
+"""Colours of the right-leaning and of the left-leaning uniform state."""
 
 _SHADES = {
     Motion.FLIPPER: (BLUE, SKY, '#003a5c'),
@@ -70,7 +70,7 @@ MOTION_COLOURS = {motion: shades[0] for motion, shades in _SHADES.items()}
 def chain_colours(chains: Sequence[Chain]) -> list[str]:
     """Return for each chain a shade of the colour of its motion class.
 
-    The chain with the largest lean ratio of its class has the pure class colour.
+    In each class, the chain with the largest lean ratio has the pure class colour.
     """
     order = sorted(range(len(chains)), key=lambda number: -chains[number].lean_ratio)
     found: dict[int, str] = {}
@@ -95,8 +95,8 @@ def tint(colour: str, share: float) -> str:
 def lean_colour_scale(chain: Chain) -> tuple[Array, Array]:
     """Return the nodes of the piecewise linear colour scale of a chain.
 
-    The nodes are displacements u [m] and positions on the colour map [1], each of shape (K,). The
-    colours of the two uniform rest states are the same for all chains.
+    They are displacements u [m] and positions on the colour map [1], each of shape (K,). The
+    uniform rest states have the same two colours in all chains.
     """
     rest, largest = float(lean_ticks(chain)[3]), float(lean_ticks(chain)[4])
     near = [

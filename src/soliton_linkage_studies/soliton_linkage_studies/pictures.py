@@ -58,14 +58,14 @@ _NOTE = (
     'A colour darker than at rest means that the rotor leans beyond its rest angle.'
 )
 _MOST_COLUMNS = 2000
-"""Largest number of frames in a kymograph [1]; an image does not resolve more."""
+"""Largest number of frames in a kymograph [1], because an image does not resolve more."""
 
 _JUMP = 5.0
 """If a track jumps by more than this between frames, it follows another wall [rotor spacings]."""
 
 
 def kymograph(axes: Axes, chain: Chain, recording: Recording, track: Track) -> Axes:
-    """Draw the displacements u_n(t) as an image over time, with the tracks of all solitons."""
+    """Draw the displacements u_n(t) as an image over time, and the tracks of all solitons."""
     every = max(1, len(recording.times) // _MOST_COLUMNS)
     leans = displacement(chain, recording.angles[::every]).T
     edges = (*_edges(recording.times), -0.5, chain.number_of_rotors - 0.5)
@@ -153,7 +153,7 @@ def kymograph_figure(chain: Chain, recording: Recording, track: Track) -> Figure
 
 
 def track_figure(chain: Chain, track: Track, crossings: tuple[Crossing, ...]) -> Figure:
-    """Return a figure of soliton position, velocity and, if known, their standard deviations."""
+    """Return a figure of soliton position and velocity, with standard deviations if known."""
     known = len(track.site_deviations) > 0
     figure = Figure(figsize=(8, 7 if known else 5.5), layout='constrained')
     ratios = [2, 2, 1][: 3 if known else 2]
@@ -184,7 +184,7 @@ def _edges(times: Array) -> tuple[float, float]:
 
 
 _WORST = 3
-"""Number of labelled bonds [1]; these have the largest residuals."""
+"""Number of labelled bonds [1]: those with the largest residuals."""
 _CAPTION = """
 Top: relative deviations of each rotor length (blue), pivot spacing (green) and spring or bar
 length (red) from their means, with error bars of one standard deviation. Middle: offset of each
@@ -196,7 +196,7 @@ numbered. Springs and bars are drawn between the two rotors that they join.
 
 
 def report_page(found: Identification) -> Figure:
-    """Draw a page of lengths, encoder offsets, and the noise estimated from each bond."""
+    """Return a page with the lengths, the encoder offsets and the noise that each bond shows."""
     figure = Figure(figsize=(8, 9), layout='constrained')
     lengths, offsets, bonds = figure.subplots(3, sharex=True, height_ratios=[3, 2, 2])
     _draw_lengths(lengths, found)

@@ -14,8 +14,8 @@ from soliton_linkage.linkage.chain import Array
 _FEWEST_READINGS = 4
 """Smallest number of readings of a step response [1]: one more than the unknowns of the fit."""
 _SHORTEST_STEP = 0.05
-"""The initial guess uses only the intervals between readings in which |command - pressure| is
-above this fraction of its maximum [1]."""
+"""The initial guess uses only those intervals between readings in which |command - pressure| is
+above this fraction of the largest one [1]."""
 
 
 @dataclass(frozen=True)
@@ -65,8 +65,9 @@ class PneumaticFit:
 def fit_step_response(response: StepResponse) -> PneumaticFit:
     """Estimate the time constants of filling and venting by least squares.
 
-    The pressure p follows the command u as dp/dt = (u - p) / tau. Raises ValueError if the
-    pressure never rises or never falls towards the command.
+    The pressure p follows the command u as dp/dt = (u - p) / tau, with the filling time as tau
+    while p rises and the venting time while p falls. Raises ValueError if the pressure never rises
+    or never falls towards the command.
 
     >>> times = np.linspace(0, 1, 201)
     >>> commands = np.where(times < 0.5, 1e5, 0.0)
@@ -100,11 +101,11 @@ def fit_step_response(response: StepResponse) -> PneumaticFit:
 def fit_torque(pressures: Array, torques: Array) -> tuple[float, float]:
     """Estimate the torque per pressure [N m/Pa] and the saturation torque [N m].
 
-    `pressures` and `torques` contain steady readings, shape (readings,). The model clip(k p,
-    -limit, limit) is fitted by least squares. The returned limit is finite only if it at least
-    halves the sum of squared residuals of the straight line k p. An infinite limit means that the
-    readings show no saturation; add readings at larger pressures. Raises ValueError for fewer than
-    two readings or if all pressures are 0.
+    `pressures` [Pa] and `torques` [N m] contain steady readings, shape (readings,). The model
+    clip(k p, -limit, limit) is fitted by least squares. The returned limit is infinite unless a
+    finite one at least halves the sum of squared residuals of the straight line k p; then the
+    readings show no saturation, and readings at larger pressures are required. Raises ValueError
+    for fewer than two readings or if all pressures are 0.
     """
     order = np.argsort(np.abs(pressures))
     pressed, twisted = np.abs(pressures[order]), np.sign(pressures[order]) * torques[order]

@@ -30,7 +30,7 @@ _FAILURES = (ArithmeticError, ValueError, OSError, RuntimeError, subprocess.Subp
 
 
 class Registry(dict[str, Entry]):
-    """Entries by name. Each module of a package adds its own entries when it is imported."""
+    """Entries by name, which the modules of a package add when they are imported."""
 
     def add(self, name: str) -> Callable[[Entry], Entry]:
         """Return a decorator that adds an entry; it raises ValueError for a name in use."""
@@ -136,7 +136,7 @@ def installed_settings(name: str) -> Path | None:
 def select_names(known: Sequence[str], asked: Sequence[str], option: str = '--only') -> list[str]:
     """Return the names in `known` that `asked` selects, or all of them if `asked` is empty.
 
-    An item of `asked` is a known name, or the part of known names before the first underscore.
+    An item of `asked` is a name, or the part of one or more names before their first underscore.
     Raises ValueError for an unknown name.
     """
     aliases = {name: {name, name.split('_')[0]} for name in known}

@@ -24,7 +24,7 @@ td {{padding: .3em .8em .3em 0; vertical-align: top}} svg {{max-width: 100%; hei
 
 
 def rig_page(found: RigFindings, names: Sequence[str], chain: str) -> str:
-    """Return the page as HTML; `names` are the joints and `chain` describes the chain."""
+    """Return the page as HTML; `names` are the joint names and `chain` describes the chain."""
     colours = {RIGHT: GREEN, DOUBTFUL: ORANGE, WRONG: RED}
     rows = ''.join(
         f'<tr><td style="color:{colours[each.verdict]}"><b>{each.verdict}</b></td>'

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Settings of studies, read from YAML files. Errors name the file, the key and the value."""
+"""Settings of studies, read from YAML files; errors name the file, the key and the value."""
 
 from __future__ import annotations
 

@@ -34,13 +34,13 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion
 Integers = NDArray[np.int64]
 
 _ARC_TOLERANCE = 1e-12
-"""Tolerance of the integration along a curve [rad]; rounding errors limit it for d near d_c."""
+"""Tolerance of the integration along a curve [rad]; for d near d_c, rounding errors are larger."""
 _CLOSED = 1e-6
-"""Largest difference between the ends of a closed curve, apart from whole turns [turns]."""
+"""A curve is closed if its ends differ by whole turns to within this [turns]."""
 
 
 def partner_angles(chain: Chain, theta_1: ArrayLike) -> Array:
-    """Return both solutions theta_2 [rad] for each theta_1 [rad], shape (..., 2); NaN without any.
+    """Return both solutions theta_2 [rad] for each theta_1 [rad], shape (..., 2); NaN if none.
 
     The bar has its rest length if p cos(theta_2) + q sin(theta_2) = g with p = r cos(theta_1), q =
     a - r sin(theta_1) and g = r cos(2 theta_bar) + a sin(theta_1). The solutions are atan2(q, p)
@@ -49,8 +49,8 @@ def partner_angles(chain: Chain, theta_1: ArrayLike) -> Array:
         p^2 + q^2 - g^2 = (lbar - 2 r cos(theta_bar)^2 - a sin(theta_1))
                           (lbar + 2 r cos(theta_bar)^2 + a sin(theta_1)).
 
-    The first factor is 0 if d = d_c and theta_1 = pi / 2. To avoid cancellation there, it is
-    computed as its value at theta_1 = pi / 2 plus the difference from this value.
+    The first factor is 0 if d = d_c and theta_1 = pi / 2; it is computed without cancellation
+    there.
     """
     factor, partners = _partners(chain, np.asarray(theta_1, dtype=np.float64))
     return np.where(factor[..., None] >= 0, partners, np.nan)
@@ -61,9 +61,9 @@ def configuration_curves(chain: Chain, points: int = 400) -> tuple[Array, ...]:
 
     Each curve has shape (points + 1, 2) and contains continuous staggered angles (theta_1,
     theta_2) [rad] in equal steps of arc length. A flipper has one contractible curve, which begins
-    at s = 0 and passes first through the right-leaning states. A spinner has two curves;
-    sin(theta_1 + theta_2) is positive on the first. Along each curve of a spinner, theta_1
-    increases by one turn and theta_2 decreases by one turn.
+    at s = 0 and passes first through the right-leaning states. A spinner has two curves, along
+    each of which theta_1 increases by one turn and theta_2 decreases by one turn; sin(theta_1 +
+    theta_2) is positive on the first curve.
     """
     pieces = 2 if chain.motion is Motion.SPINNER else 4
     pieces_done = np.linspace(0, pieces, points + 1)
@@ -107,9 +107,9 @@ def ground_states(chain: Chain) -> Array:
 def component_of(chain: Chain, configurations: ArrayLike) -> Integers:
     """Return for each configuration the index of its curve in `configuration_curves`.
 
-    The configurations have shape (..., 2), the indices shape (...). The index is 0 for flippers.
-    It is 0 for spinners if sin(theta_1 + theta_2) >= 0, as in the uniform states theta_bar and pi
-    + theta_bar.
+    The configurations have shape (..., 2), the indices shape (...). For flippers the index is 0.
+    For spinners it is 0 if sin(theta_1 + theta_2) >= 0, as in the uniform states theta_bar and pi
+    + theta_bar, otherwise 1.
     """
     given = np.asarray(configurations, dtype=np.float64)
     if chain.motion is not Motion.SPINNER:
@@ -137,7 +137,7 @@ def spinner_limit(rest_angles: ArrayLike) -> Array:
 class _Arc:
     """Piece of a configuration curve with s >= 0 and |delta| <= pi / 2, as a function of theta_2.
 
-    Symmetries, which the module docstring lists with s and delta, give the rest of the curve.
+    The symmetries in the module docstring give the rest of the curve.
     """
 
     def __init__(self, chain: Chain) -> None:
@@ -195,7 +195,7 @@ def _partners(chain: Chain, theta_1: Array) -> tuple[Array, Array]:
 
 
 def _excess(chain: Chain) -> float:
-    """Return r sin(theta_bar)^2 - a [m], or 0 if it has the wrong sign because of rounding."""
+    """Return r sin(theta_bar)^2 - a [m], or 0 if rounding has changed its sign."""
     excess = chain.rotor_length * math.sin(chain.rest_angle) ** 2 - chain.spacing
     spinner = chain.motion is Motion.SPINNER
     return max(excess, 0.0) if spinner else min(excess, 0.0)

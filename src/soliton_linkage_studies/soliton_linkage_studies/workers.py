@@ -28,9 +28,11 @@ _MAXIMUM_COUNT = 1000
 """Largest number of processes [1]; a larger number is probably a typing error."""
 _INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
 _CHUNK_DURATION = 1.0
-"""A worker returns its rows after this [s], so that a later failure does not lose them."""
+"""A task returns its rows after about this time [s], so that a later failure does not lose
+them."""
 _CHUNK_GROWTH = 4
-"""Largest ratio of the sizes of successive chunks [1]; the first rows may be unusually fast."""
+"""Largest ratio of the sizes of successive chunks [1], because the first rows may be unusually
+fast."""
 _CHUNKS_PER_WORKER = 2
 """Number of submitted chunks per worker [1]: one chunk is measured while the next one waits."""
 
@@ -53,7 +55,7 @@ class RowsTogether(Rows, Protocol):
         """Largest number of rows that `cells_of` measures in one call [1]."""
 
     def cells_of(self, rows: Sequence[int]) -> list[list[str]]:
-        """Measure rows and return their cells."""
+        """Measure rows and return the cells of each."""
 
 
 class Processes:
@@ -61,8 +63,8 @@ class Processes:
 
     Each process has its own pipe and shares no thread and no lock with the parent. Therefore the
     parent can be interrupted, and a process killed, at any time. The alternatives are slower:
-    `ProcessPoolExecutor` and loky 3.7 had not ended 60 s after Ctrl-C. `distributed.LocalCluster`
-    2026.8 takes 13 s to end, and 3.2 s to start instead of 0.25 s.
+    `ProcessPoolExecutor` and loky 3.7 had not ended 60 s after Ctrl-C, and
+    `distributed.LocalCluster` 2026.8 takes 13 s to end, and 3.2 s to start instead of 0.25 s.
     """
 
     def __init__(self) -> None:
@@ -161,8 +163,8 @@ def process_count(text: str) -> int:
 def local_processes(count: int) -> Iterator[Processes]:
     """Start single-threaded processes for the duration of a `with` block.
 
-    At the end of the block the processes finish all tasks and end. If the block raises or the
-    parent is killed, the processes end at once. Only the parent receives Ctrl-C.
+    At the end of the block, the processes finish all tasks and end. If the block raises or the
+    parent is killed, they end at once. Only the parent receives Ctrl-C.
     """
     processes = Processes()
     try:
@@ -179,7 +181,7 @@ def local_processes(count: int) -> Iterator[Processes]:
 
 @contextmanager
 def cluster(address: str, timeout: float = 10.0) -> Iterator[Pool]:
-    """Connect to the running Dask cluster whose scheduler has the given address.
+    """Connect to a running Dask cluster; `address` is that of its scheduler.
 
     Raises ValueError if the package `distributed` is not installed, if the scheduler does not
     answer within the timeout [s], or if the cluster has no worker.
@@ -225,7 +227,7 @@ Pool = Processes | _Cluster
 
 
 def measure_rows(pool: Pool, table: Rows, rows: Sequence[int]) -> Iterator[list[list[str]]]:
-    """Measure rows in parallel; yield the cells of each chunk, the rows that one task measured."""
+    """Measure rows in parallel; when a task ends, yield the cells of the rows that it measured."""
     waiting = deque(rows)
     finished = pool.finished()
     running, size = 0, 1
@@ -247,9 +249,8 @@ def measure_rows(pool: Pool, table: Rows, rows: Sequence[int]) -> Iterator[list[
 def measure_chunk(table: Rows, rows: list[int]) -> Chunk:
     """Measure `rows` one by one, or in groups with `cells_of`, and stop after about a second.
 
-    At least one row or one group is measured.
-
-    Returns the cells of the measured rows, the rows that were not measured, and the duration [s].
+    At least one row or one group is measured. Returns the cells of the measured rows, the rows
+    that were not measured, and the duration [s].
     """
     begin, cells = time.perf_counter(), list[list[str]]()
     while len(cells) < len(rows):

@@ -4,7 +4,7 @@
 Each step of length h is Suzuki's symplectic composition of order 4, of five leapfrog steps. With
 angles x, rates v, torques F and moments of inertia I, these are
 
-x += w h v / 2,  v += w h F(x) / I,  x += w h v / 2  for w = p, p, 1 - 4 p, p, p,
+    x += w h v / 2,  v += w h F(x) / I,  x += w h v / 2  for w = p, p, 1 - 4 p, p, p,
 
 with p = 1 / (4 - 4^(1/3)).
 """

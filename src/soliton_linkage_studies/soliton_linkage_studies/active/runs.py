@@ -6,7 +6,7 @@ the rotor n, and q_n = pi - phi_n if it is -1. The tangent is t = dq/dx. At the 
 x_dot, the power of motors with the non-reciprocity kappa equals the power that the linear damping
 c dissipates:
 
-kappa x_dot g(x) = c x_dot^2 sum_n t_n^2,    g = sum_n (q_n - q_{n+1}) (t_n + t_{n+1}).
+    kappa x_dot g(x) = c x_dot^2 sum_n t_n^2,    g = sum_n (q_n - q_{n+1}) (t_n + t_{n+1}).
 
 The sum of t_n^2 does not depend on x. The terminal velocity, averaged over two rotor spacings, is
 therefore v = (kappa / c) <g> / sum_n t_n^2 with the mean <g> over the same distance. For wide
@@ -86,7 +86,7 @@ def stability_limit(chain: Chain) -> float:
 
     A wave whose phase increases by k from rotor to rotor is proportional to exp(lambda t) with
 
-    I lambda^2 + c lambda + I omega(k)^2 + 2 i kappa sin(k) = 0
+        I lambda^2 + c lambda + I omega(k)^2 + 2 i kappa sin(k) = 0
 
     for the moment of inertia I and the phonon frequency omega. It decays if 2 kappa abs(sin(k)) <
     c omega(k).

@@ -4,7 +4,7 @@
 A wall of velocity v that keeps its shape turns the rotors of parity p (0 even, 1 odd) to the
 angles phi_n(t) = f_p(n a - v t), with
 
-I v^2 f_p''(x) = torque of the springs (f_(1-p)(x - a), f_p(x), f_(1-p)(x + a)).
+    I v^2 f_p''(x) = torque of the springs (f_(1-p)(x - a), f_p(x), f_(1-p)(x + a)).
 
 The functions f_p are computed on a grid. The solver minimises the squared residual plus a penalty
 on tails that are not at rest. No exact solution exists, because a wall of a few rotors radiates a

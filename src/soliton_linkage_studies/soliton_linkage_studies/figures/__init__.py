@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Figures of the paper and additional figures, each compared with theory.
 
-To add a figure, write a module here that registers a function in `FIGURES`. Then add a section of
-the same name to the settings, and write a test.
+To add a figure, write a module in this package that registers a function in `FIGURES`. Then add a
+section to the settings that has the registered name, and write a test.
 """
 
 from __future__ import annotations

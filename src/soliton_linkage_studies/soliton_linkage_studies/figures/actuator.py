@@ -28,7 +28,7 @@ _TOLERANCE = 1e-12
 """Largest integration error of an angle per time unit [rad]; work and energy agree to 1e-9."""
 TIME = 'time [s]'
 _STEPPED = slice(None, None, 20)
-"""Slice of `CommandResponse.times` at which the numerical solution is evaluated."""
+"""Slice of `CommandResponse.times` that gives the times of the numerical solution."""
 
 
 @dataclass(frozen=True)
@@ -36,13 +36,13 @@ class CommandResponse:
     """Pressure response of an actuator, in closed form and by numerical integration."""
 
     times: Array
-    """Instants of the response [s], shape (T,)."""
+    """Times of the response [s], shape (T,)."""
     commanded: Array
     """Commanded pressure [Pa], shape (T,)."""
     closed: Array
     """Pressure in closed form [Pa], shape (T,)."""
     stepped: Array
-    """Pressure by numerical integration [Pa], at the instants `_STEPPED`."""
+    """Pressure by numerical integration [Pa], at the times `times[_STEPPED]`."""
 
     @property
     def distance(self) -> float:
@@ -88,7 +88,7 @@ class DrivenChain:
     """Energy of a chain and work of the actuator that drives it, in T frames."""
 
     times: Array
-    """Instants of the frames [s], shape (T,)."""
+    """Times of the frames [s], shape (T,)."""
     energies: Array
     """Energy that the chain has gained since the first frame [J], shape (T,)."""
     works: Array
@@ -131,7 +131,7 @@ _FRAMES_A_SECOND = 500
 
 @FIGURES.add('soft_actuator')
 def actuator_figure(section: Section, quick: bool) -> FigureReport:
-    """Draw the pressure response, the fitted parameters, and work compared with energy."""
+    """Draw the pressure response, a fit of the time constants, and the work on a chain."""
     section.check_keys('chain', 'pressure', 'duration', 'ramp', 'noise', 'rate')
     actuator = PneumaticActuator()
     order = read_command(section)

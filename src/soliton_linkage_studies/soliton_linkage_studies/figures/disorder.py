@@ -21,11 +21,10 @@ from soliton_linkage_studies.settings import Section, chain_from
 
 
 def score_interval(share: Array, count: int, deviations: float = 1.0) -> tuple[Array, Array]:
-    """Return both ends of the Wilson score interval of the fractions `share` of `count` draws.
+    """Return the lower and upper ends of the Wilson score intervals of fractions of `count` draws.
 
-    For a fraction s and a half width of `deviations` standard deviations, the ends are the
-    probabilities p with |s - p| = deviations sqrt(p (1 - p) / count). The interval has a width
-    above 0 even if all draws have the same result.
+    The ends of the interval of a fraction s in `share` are the probabilities p with |s - p| =
+    deviations sqrt(p (1 - p) / count). The ends differ even if all draws have the same result.
     """
     pull = deviations**2 / count
     middle = share + pull / 2
@@ -106,13 +105,10 @@ def _deviating(chain: Chain, fraction: float, seed: int) -> Chain:
 
 
 def _compare_passage(report: FigureReport, fractions: Array, free: Array, passed: Array) -> None:
-    """Add to `report` the fractions of rigid-bar chains that a wall crosses in both directions.
-
-    For each of the F strengths in `fractions`, one row is for all K chains, another for those
-    without a blocked bond.
+    """Add the fractions of rigid-bar chains that a wall crosses in both directions to `report`.
 
     `free` (whether the chain has no blocked bond) and `passed` (whether the wall crossed and
-    returned) have shape (F, K).
+    returned) have shape (F, K): F strengths of disorder in `fractions`, and K chains for each.
     """
     for fraction, sufficient, passes in zip(fractions, free, passed, strict=True):
         name = f'deviations of {100 * fraction:g} %, rigid'

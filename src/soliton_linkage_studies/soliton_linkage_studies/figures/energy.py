@@ -31,7 +31,7 @@ equilibrium with one kink and one anti-kink. Dashed line: continuum theory, the 
 
 @FIGURES.add('anti_kink_cost')
 def anti_kink_figure(section: Section, quick: bool) -> FigureReport:
-    """Draw the energy of an anti-kink at rest, divided by its continuum value, against d."""
+    """Draw the energy of an anti-kink at rest, divided by that of continuum theory, against d."""
     section.check_keys('rotor_length_ratio', 'lean_ratios')
     ratio = section.number('rotor_length_ratio', 1e-3, 1e3)
     wanted = section.numbers('lean_ratios', 1e-3, 1.0)
@@ -90,16 +90,16 @@ wall. Hollow markers are upper bounds, because reflected phonons of the kick may
 wake.
 """
 _REACH = 8
-"""The wake begins this far behind a wall [penetration depths]; the wall's tail is e^-8 there."""
+"""The wake begins this far plus three rotors behind a wall [penetration depths]."""
 _CONTINUUM = 0.3
-"""Chains with d below this are compared with continuum theory [1]; its error is O(d^2)."""
+"""Chains with d below this are compared with continuum theory [1], whose error is O(d^2)."""
 _ENERGIES = {
     'a': 'total energy / E_s [1]',
     'b': 'elastic / kinetic energy [1]',
     'c': 'energy behind the wall / total energy [1]',
 }
 _SLOW = 0.87
-"""Walls with v / c below this are compared with theory [1]; its error is a few per cent there."""
+"""Walls with v / c below this are compared with theory [1], whose error is then a few per cent."""
 
 
 @FIGURES.add('energy_against_speed')

@@ -43,7 +43,7 @@ from soliton_linkage_studies.unit_cell import (
 )
 
 _FINE = 40_000
-"""Number of steps along a curve whose slopes are compared with theory [1]; their error is 1e-7."""
+"""Number of steps of a curve whose slopes are compared with theory [1]; their error is 1e-7."""
 _SHAPE = 1.9
 """Width of a panel of the unit cells, divided by its height [1]."""
 _REGIONS = {
@@ -79,7 +79,7 @@ of a flipper bounds a disc; the two components of a spinner are linked.
 
 @FIGURES.add('figure_4')
 def figure_4(section: Section, quick: bool) -> FigureReport:
-    """Draw the phase diagram; for one cell per phase, draw states, curves and torus."""
+    """Draw the phase diagram, and states, curves and torus of one unit cell per phase."""
     section.check_keys('chains', 'points')
     chains = [chain_from(each) for each in section.section('chains').sections().values()]
     points = section.whole_number('points', 100, 100_000)
@@ -185,7 +185,7 @@ def _draw_solid_torus(axes: Axes3D, curves: tuple[Array, ...], letter: str) -> N
 
 
 def on_torus(around: Array, across: Array) -> tuple[Array, Array, Array]:
-    """Return points on a torus of minor radius 1, from angles around axis and tube [rad]."""
+    """Return points on a torus of minor radius 1 from their angles around axis and tube [rad]."""
     radius = _RADIUS + np.cos(across)
     return radius * np.cos(around), radius * np.sin(around), np.sin(across)
 

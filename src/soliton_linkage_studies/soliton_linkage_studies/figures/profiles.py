@@ -65,9 +65,9 @@ Angles φ of the rotors in one snapshot of the slowest wall. Far from the wall, 
 blue) and odd rotors (hollow blue) differ by the constant π − 2 θ̄.
 """
 _FAR = 5
-"""Number of rotors at an edge that a wall in the middle of the chain does not affect [1]."""
+"""Number of rotors at an edge that a wall in the middle of the chain does not turn [1]."""
 _PROFILES = 4
-"""Number of drawn profiles, those of the slowest walls [1]; more would overlap."""
+"""Largest number of drawn profiles [1]: those of the slowest walls, because more would overlap."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class WallAtSpeed:
 
 
 Inset = Callable[[FigureReport, Axes, Chain, WallAtSpeed], None]
-"""Function of report, axes, chain and slowest wall that draws panel b of Fig. 5 or of Fig. 6."""
+"""Function that draws panel b of Fig. 5 or 6, given the report, axes, chain and slowest wall."""
 
 
 @FIGURES.add('figure_5')

@@ -2,8 +2,8 @@
 """Draw the figures of the paper and additional figures, with their data and a table.
 
 Each figure is written as PNG and PDF, its data as CSV. The file table.md compares the values of
-the paper, of the corrected theory and of the simulated chain. Figures that are not drawn again
-keep their rows in the table.
+the paper, of the corrected theory and of the simulated chain. If only some figures are drawn, the
+rows of the others remain in the table.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def draw(figure: DrawFigure, section: Section, output: Path, quick: bool) -> list[Comparison]:
-    """Draw a figure, save it under the section's name, and return the table rows of the figure."""
+    """Draw a figure, save it under the name of its section, and return its rows of the table."""
     report = figure(section, quick)
     report.save(output, section.name)
     return report.comparisons

@@ -28,7 +28,7 @@ def convergence_order(stiffnesses: ArrayLike, distances: ArrayLike) -> float:
 
 
 def draw_convergence(axes: Axes, stiffnesses: ArrayLike, distances: ArrayLike, label: str) -> None:
-    """Draw K angle deviations [rad] against K stiffnesses [N/m], and a line of order 1."""
+    """Draw angle deviations [rad] against stiffnesses [N/m], and a line of slope -1."""
     across, up = np.asarray(stiffnesses), np.asarray(distances)
     first_order = up[-1] * across[-1] / across
     axes.loglog(across, up, 'o', color=MEASURED, label=label)
@@ -45,7 +45,8 @@ from the chain of rigid bars, over all rotors and times, against the stiffness (
 line has slope −1 and passes through the last dot.
 """
 _TRACKED = 3
-"""Number of the smallest stiffnesses whose wall paths are drawn [1]; more paths would overlap."""
+"""Number of the smallest stiffnesses whose wall paths are drawn [1], because more would
+overlap."""
 _PATH = ('time [sqrt(M/k_e)]', 'wall at rotor [rotor spacings]')
 
 

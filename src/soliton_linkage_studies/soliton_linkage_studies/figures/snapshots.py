@@ -36,7 +36,7 @@ _LOWERED = (
     'look longer than their true length.'
 )
 _APART = 1.6
-"""Downward shift of odd rotors, if they would overlap even ones [rotor lengths]."""
+"""Downward shift of odd rotors if they would overlap even ones [rotor lengths]."""
 _WIDTH = 9.0
 """Width of the figure [inches]."""
 _TITLE = 0.4
@@ -124,7 +124,6 @@ def _compare(
 
 
 def _cycle(chain: Chain) -> tuple[float, float]:
-    """Return the numbers of wall round trips and rotor turns in a cycle of a rigid-bar chain."""
     start = chain.uniform_state(-1)
     length = UniformOrbit(chain).length
     simulation = RigidSimulation(chain, start, zero_mode(chain, start), period=length / _SAMPLES)

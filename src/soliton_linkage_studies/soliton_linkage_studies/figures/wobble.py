@@ -112,7 +112,7 @@ def figure_s2(section: Section, quick: bool) -> FigureReport:
 
 
 def _slow_snapshots(chain: Chain, count: int) -> Snapshots:
-    """Return frames of rigid bars with the wall at `count` positions within a rotor spacing."""
+    """Return frames of rigid bars, with the wall at `count` positions within one rotor spacing."""
     start = static_wall(chain, chain.number_of_rotors // 2 - 0.5)
     period = site_arc(chain) / count
     simulation = RigidSimulation(chain, start, mode_towards_last(chain, start), period)
@@ -129,9 +129,9 @@ def _draw_decays(
 ) -> None:
     """Draw fits of a decaying oscillation with two decay lengths: exact, and from the paper.
 
-    A fit is u = ub + e^(-x / depth) (A cos(pi x / a) + B sin(pi x / a)) at the distance x from the
-    wall, with the decay length `depth` and the rest displacement ub = r sin(theta_bar). A and B
-    are fitted to the rotors beyond 1.5 rotor spacings, with weights e^(x / depth).
+    A fit at the distance x from the wall is u = ub + e^(-x / depth) (A cos(pi x / a) + B sin(pi x
+    / a)), with the decay length `depth` and the rest displacement ub = r sin(theta_bar). A and B
+    are fitted to the rotors with x > 1.5 a, with weights e^(x / depth).
     """
     fine = np.linspace(1.0, _BESIDE, 400)
     far = positions > _NEAR
@@ -191,10 +191,10 @@ def _compare_tail(report: FigureReport, chain: Chain) -> None:
 
 
 def wavelength(deviation: Array) -> float:
-    """Return the wavelength of an oscillation with one value per rotor [rotor spacings].
+    """Return the wavelength of an oscillation that is sampled once per rotor [rotor spacings].
 
-    The wavelength is twice the mean distance between interpolated zeros, or infinity for fewer
-    than two zeros.
+    This is twice the mean distance between interpolated zeros, or infinity for fewer than two
+    zeros.
     """
     before = np.flatnonzero(np.signbit(deviation[:-1]) != np.signbit(deviation[1:]))
     if len(before) < 2:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Films of the motions of the paper.
 
-To add a kind of film, write a module here whose scene has the decorator `scenes.film_kind`. Then
-add a film of this kind to the settings file, and write a test.
+To add a kind of film, write a module in this package whose scene has the decorator
+`scenes.film_kind`. Then add a film of this kind to the settings file, and write a test.
 """

@@ -43,7 +43,7 @@ class Cell:
 
 @film_kind('unit_cell', Cell.read)
 class CellScene(Scene):
-    """Scene of one cycle of a unit cell: the cell, and its point in the configuration space."""
+    """Scene of a cycle of a unit cell, as a linkage and as a point in configuration space."""
 
     caption = f"""
     {LINKAGE} The red line is a rigid bar; pale circles are the paths of the masses.

@@ -45,7 +45,7 @@ _AZIMUTH = math.radians(-75)
 _ELEVATION = math.radians(22)
 """Elevation of the camera above the axles [rad]."""
 _ZOOM = 1.9
-"""Zoom factor of the 3D axes [1]; at matplotlib's default of 1, the long linkage is small."""
+"""Zoom factor of the 3D axes [1]; with matplotlib's default of 1, the linkage would be small."""
 _BODIES = (
     ('rotors', BLACK, 6.0),
     ('axles on the frame', GREY, 5.0),
@@ -75,7 +75,7 @@ class KickedWall:
         return KickedWall(chain, kick, duration * chain.time_unit)
 
     def describe(self) -> str:
-        """Return a description of the chain and of the kick in one line."""
+        """Return a one-line description of the chain and of the kick."""
         return f'{description(self.chain)}, v₀ = {self.kick:g} a√(kₑ/M)'
 
 
@@ -117,11 +117,11 @@ class CycleScene(Scene):
 
 @dataclass(frozen=True)
 class Staggering:
-    """Settings of a kicked linkage whose rotors lie in separate planes."""
+    """Settings of a kicked linkage whose rotors and bars lie in separate planes."""
 
     motion: KickedWall
     depth: float
-    """Distance between the plane of a rotor and the plane of the bar behind it, in units of a."""
+    """Distance between the planes of a rotor and of the bar behind it, divided by a [1]."""
     turn: float
     """Change of the camera's azimuth during the film [rad]."""
 
@@ -205,7 +205,7 @@ class StaggeredScene(Scene):
 
 
 def layered(chain: Chain, angles: Array, layer: float) -> Array:
-    """Return both end points [m] of each body: first of all rotors, then of axles, pins and bars.
+    """Return both end points [m] of each body, in the order rotors, axles, pins and bars.
 
     The result has shape (3 N + number of springs, 2, 3). Rotor n lies in the plane y = 2 n layer
     [m]. Each bar lies halfway between the planes of its two rotors, so that bodies that are not

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Films of three small motions: the zero mode, a drive in the band gap and one above the gap."""
+"""Films of three small motions: the zero mode, and drives below and above the gap frequency."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _OSCILLATIONS = 4
 
 @dataclass(frozen=True)
 class Insulation:
-    """Settings of three small motions: the zero mode, and rotor 0 driven at two frequencies."""
+    """Settings of a film of the zero mode, and of rotor 0 driven at two frequencies."""
 
     chain: Chain
     swing: float
@@ -121,9 +121,9 @@ class InsulatorScene(Scene):
 def driven(chain: Chain, frequency: float) -> Array:
     """Return the steady response of the right-leaning chain to a torque on rotor 0, shape (N,).
 
-    The complex amplitudes x, relative to that of rotor 0 [1], solve (K - omega^2 I + i omega
-    damping) x = torque. omega is the angular frequency [rad/s], K the stiffness matrix, I the
-    moments of inertia.
+    The result is complex amplitudes x divided by that of rotor 0 [1], with (K - omega^2 I + i
+    omega damping) x = torque, `frequency` omega [rad/s], stiffness matrix K and moments of inertia
+    I.
     """
     stiffness = stiffness_matrix(chain, chain.uniform_state(1)).toarray()
     inertia = np.diag(-(frequency**2) * chain.moments_of_inertia + 1j * frequency * chain.dampings)

@@ -42,10 +42,10 @@ class Film:
     name: str
     kind: str
     make: Callable[[str, Any, Format], Scene]
-    """Function that makes the scene from the film's title, `motion` and frame format."""
+    """Function that makes the scene from `title`, `motion` and `shape`."""
     title: str
     motion: Any
-    """Settings of the motion, of a type that depends on the kind of film."""
+    """Settings of the motion; the type depends on the kind of film."""
     shape: Format
 
 
@@ -83,12 +83,13 @@ def scene_of(film: Film) -> Scene:
 _CODEC = 'libx264'
 _QUALITY = ('-crf', '20', '-preset', 'veryfast', '-movflags', '+faststart')
 SHRINKING = 2
-"""Factor by which the width and height of a GIF are divided [1], because it must fit in memory."""
+"""Factor by which the width and height of a GIF are divided [1], so that the GIF fits in
+memory."""
 
 
 @dataclass(frozen=True)
 class FileKind:
-    """File format of the films, and the reason for this format."""
+    """File format of the films, and the reason for it."""
 
     ffmpeg: str
     """Path of the program ffmpeg; if it is empty, Pillow writes a GIF."""

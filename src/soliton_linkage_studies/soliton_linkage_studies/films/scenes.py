@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scenes of films. A scene is a figure whose artists move from frame to frame."""
+"""Scenes of films: figures whose artists move from frame to frame."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ STYLE: Any = {
 }
 """Settings of matplotlib; without hinting, text has the same proportions at any resolution."""
 LEFT, WIDTH, BOTTOM, TOP = 0.07, 0.90, 0.085, 0.88
-"""Area for the panels below the title, in fractions of the figure width and height [1]."""
+"""Area for the panels below the title, as fractions of the figure width and height [1]."""
 
 TOLERANCE = 1e-9
 """Largest integration error of an angle per time unit [rad]; it is invisible in a filmed cycle."""
@@ -128,7 +128,7 @@ class Scene(ABC):
 
 
 class SpaceTime:
-    """Space-time diagram of the displacement u. A cover hides all frames after the current one."""
+    """Space-time diagram of the displacement u; a cover hides all frames after the current one."""
 
     def __init__(self, axes: Axes, chain: Chain, angles: Array, duration: float) -> None:
         """Draw the whole diagram from angles [rad], shape (frames, N), over a duration [s]."""
@@ -177,7 +177,7 @@ class ProfilePanel:
         self.moving = [*self.theory, *self.rotors]
 
     def show(self, angles: Array) -> None:
-        """Show a configuration [rad], shape (N,), and the theory of its wall, if a wall exists."""
+        """Show angles [rad], shape (N,), and the theory of the wall if the chain has one wall."""
         lean = displacement(self._chain, angles)
         for parity, markers in enumerate(self.rotors):
             markers.set_data(self._positions[parity::2], 100 * lean[parity::2])
@@ -193,10 +193,10 @@ def static_profile(
 ) -> Array:
     """Return the displacement u [m] of a wall at rest in the continuum theory, at positions x [m].
 
-    For flippers u = -r sin(theta_bar) tanh((x - X) / w) with the wall position X [m] and width w
-    [m]. For spinners that start in the right-leaning state, the staggered angles are theta_bar +-
-    s arccos(-tanh((x - X) / w)). The sign +- is + for even rotors (parity 0) and - for odd rotors.
-    The sign s is determined from `angles` [rad], shape (N,).
+    The wall has the position X = `wall` [m] and the width w [m]. For flippers, u = -r
+    sin(theta_bar) tanh((x - X) / w). For spinners that start in the right-leaning state, the
+    staggered angles are theta_bar + s p arccos(-tanh((x - X) / w)), with p = 1 for even rotors
+    (`parity` 0) and -1 for odd ones. The sign s is determined from `angles` [rad], shape (N,).
     """
     if chain.motion is not Motion.SPINNER:
         return FlipperTheory(chain).displacements(positions, wall)
@@ -209,7 +209,7 @@ def static_profile(
 def stacked(figure: Figure, chain: Chain, shares: tuple[float, ...]) -> list[Axes]:
     """Return axes of the chain, drawn to scale, and of panels below it with the same x range.
 
-    `shares` are the relative heights of the panels.
+    `shares` are the heights of the panels, up to a common factor.
     """
     left, right, bottom, top = limits(chain, projections=True)
     wide, high = (float(length) for length in figure.get_size_inches())
@@ -232,7 +232,7 @@ AnyScene = TypeVar('AnyScene', bound=type[Scene])
 
 FILM_KINDS: Registry[tuple[Callable[[Section], Any], Callable[[str, Any, Format], Scene]]]
 FILM_KINDS = Registry()
-"""For each kind of film: reader of its settings, and constructor of its scene."""
+"""For each kind of film: the reader of its settings, and the constructor of its scene."""
 
 
 def film_kind(name: str, read: Callable[[Section], Any]) -> Callable[[AnyScene], AnyScene]:

@@ -30,7 +30,7 @@ _FRACTIONS = (*_DEVIATIONS, 'scale')
 _MOST_POINTS = 10_000
 """Largest number of points of an axis [1]; larger numbers are probably typing errors."""
 _MOST_ROWS = 10_000_000
-"""Largest number of rows of a table [1]; a table of this number of rows has about a gigabyte."""
+"""Largest number of rows of a table [1], which then has about a gigabyte."""
 _QUICK_POINTS = 8
 """Largest number of points of an axis in a quick sweep [1]."""
 _QUICK_SEEDS = 2
@@ -66,21 +66,23 @@ class Axis:
 
 @dataclass(frozen=True)
 class SweepStudy:
-    """Sweep: measurement of a wall at each point of a parameter grid, with each seed.
+    """Sweep: one measurement of a wall for each point of a parameter grid and each seed.
 
-    Rows are numbered in grid order: the seed changes fastest, then the last axis.
+    Rows are numbered in the order of the grid; from row to row, the seed changes fastest, then the
+    value of the last axis.
     """
 
     name: str
     measure_name: str
     parameters: dict[str, Value]
-    """Parameters of all points by name; an axis replaces the parameter of the same name."""
+    """Parameters that all points share, by name; an axis replaces the parameter of the same
+    name."""
     axes: tuple[Axis, ...]
     seeds: tuple[int, ...]
 
     @property
     def measure(self) -> Measure:
-        """Definition of the quantities that are measured for each row."""
+        """Definition of the measured quantities."""
         return MEASURES[self.measure_name]
 
     @property
@@ -107,17 +109,16 @@ class SweepStudy:
     def together(self) -> int:
         """Largest number of rows that `cells_of` measures in one call [1].
 
-        It is 8 if walls are sent, because the compiled loops are efficient from eight chains on;
-        else 1.
+        Compiled loops that send walls through chains are efficient from eight chains on.
         """
         return 8 if self.measure.sends_wall else 1
 
     def cells(self, row: int) -> list[str]:
-        """Measure a row; return its columns as text, the last one an error message or empty."""
+        """Measure a row; return its columns as text, the last one empty or an error message."""
         return self.cells_of([row])[0]
 
     def cells_of(self, rows: Sequence[int]) -> list[list[str]]:
-        """Measure rows together, and return the columns of each row as `cells` does."""
+        """Measure several rows in one call; return for each of them what `cells` returns."""
         trials = {row: self._trial(row) for row in rows}
         known = {row: each for row, each in trials.items() if not isinstance(each, Exception)}
         elastic = {row for row, (_, trial) in known.items() if trial.mechanics == 'elastic'}
@@ -133,7 +134,6 @@ class SweepStudy:
             return error
 
     def _cells(self, row: int, trial: Any, sent: Any) -> list[str]:
-        """Return the columns of a row, which is a failure if `trial` or `sent` is an exception."""
         values, seed = self.point(row)
         measured, failure = [''] * len(self.measure.columns), ''
         try:
@@ -160,10 +160,10 @@ class SweepStudy:
 def trial_of(parameters: Mapping[str, Value], seed: int) -> tuple[Chain, SweepTrial]:
     """Return the chain and the `SweepTrial`; `seed` selects the random deviations of the chain.
 
-    Parameters are fields of `Chain` and `SweepTrial`. `rotor_length_ratio` (r / a) may replace
-    `rotor_length`. `deviations.<field>` is the relative standard deviation of a field of
-    `Deviations`, and `deviations.scale` multiplies all of them. Raises ValueError for invalid
-    parameters.
+    The keys of `parameters` are fields of `Chain` and `SweepTrial`; `rotor_length_ratio` (r / a)
+    may replace `rotor_length`. A key `deviations.<field>` gives the relative standard deviation of
+    a field of `Deviations`, and `deviations.scale` multiplies all these deviations. Raises
+    ValueError for invalid parameters.
     """
     given: dict[str, Any] = {name: parameters[name] for name in _CHAIN if name in parameters}
     if 'rotor_length_ratio' in parameters:
@@ -291,7 +291,7 @@ def _seeds(settings: Section) -> tuple[int, ...]:
 
 
 def _check(settings: Section, study: SweepStudy) -> None:
-    """Raise ValueError for too many rows, and for axis values that no chain can have."""
+    """Raise ValueError for too many rows, and for axis values with which no chain exists."""
     if study.rows > _MOST_ROWS:
         count = f'gives {study.rows} rows, more than {_MOST_ROWS}'
         raise settings.error('sweep', f'{count}; reduce the points or the seeds')

@@ -41,7 +41,7 @@ CLASS_COLOURS = {
     BLOCKED: DARK,
     **OUTCOME_COLOURS,
 }
-"""Colour of each class of results, by class name."""
+"""Colour of each class of results, by the name of the class."""
 _CLASS_LABELS = {
     BLOCKED: 'blocked: a bond may stop the wall',
     'returns': 'crosses and returns',
@@ -49,7 +49,7 @@ _CLASS_LABELS = {
     'lost': 'does not cross',
 }
 _ASIDE = 0.16
-"""Offset between the error bars of different curves [smallest distance between two points]."""
+"""Offset between the error bars of different curves / smallest distance between two points [1]."""
 _NAMES = {
     'rotor_length_ratio': ('$r/a$', 'rotor length / spacing, $r/a$ [1]'),
     'rotor_length': ('$r$ [m]', 'rotor length $r$ [m]'),
@@ -68,7 +68,7 @@ _LIMITS = (
     'd = 2 r sin θ̄ / a = 1, and rotors spin above the dashed line d = d_c = 2 / sin θ̄.'
 )
 _SIGNS = ((r'\sqrt{k_e/M}', '√(k_e/M)'), (r'\bar\theta', 'θ̄'), (r'\dot\phi', 'φ̇'), ('$', ''))
-"""Replacements of TeX notation by plain text: pairs of old and new text."""
+"""Pairs of TeX notation and the plain text that replaces it."""
 
 
 def sweep_figure(study: SweepStudy, rows: Sequence[dict[str, str]]) -> Figure | None:
@@ -91,14 +91,14 @@ def draw_sweep(axes: Axes, study: SweepStudy, rows: Sequence[dict[str, str]]) ->
 
 
 def shares(study: SweepStudy, rows: Sequence[dict[str, str]]) -> Array:
-    """Return the fraction of the seeds whose result is in each class, shape (*axes, classes)."""
+    """Return which fraction of the seeds gives each class, shape (*axes, classes)."""
     shown = np.array([row[study.measure.shown] for row in rows])
     each = np.stack([shown == name for name in study.measure.classes], axis=-1)
     return np.asarray(each.reshape(*_shape(study), -1).mean(axis=-2))
 
 
 def numbers(study: SweepStudy, rows: Sequence[dict[str, str]]) -> Array:
-    """Return the measured value of each point and seed, shape (*axes, seeds), or NaN."""
+    """Return the measured value at each point with each seed, or NaN, shape (*axes, seeds)."""
     shown = [float(row[study.measure.shown] or 'nan') for row in rows]
     return np.array(shown).reshape(_shape(study))
 
@@ -109,18 +109,18 @@ def is_map(axes: Sequence[Axis]) -> bool:
 
 
 def curve_axes(axes: Sequence[Axis]) -> tuple[Axis, list[Axis]]:
-    """Return the axis with the most values, along which curves are drawn, and the other axes."""
+    """Return the axis with the most values, against which curves are drawn, and the other axes."""
     along = max(axes, key=lambda axis: len(axis.values))
     return along, [axis for axis in axes if axis is not along]
 
 
 def shows_limits(axes: Sequence[Axis]) -> bool:
-    """Return whether the theoretical limits between motion classes can be drawn on a map."""
+    """Return whether the axes of a map are those of the theoretical limits of motion classes."""
     return {axis.name for axis in axes} == {'rotor_length_ratio', 'rest_angle'}
 
 
 def class_label(name: str) -> str:
-    """Return the label of a class, by default its name."""
+    """Return the label of a class of results."""
     return _CLASS_LABELS.get(name, name)
 
 
@@ -228,7 +228,7 @@ def _curve_label(study: SweepStudy, families: bool) -> str:
 
 
 def _blended(each: Array, classes: Sequence[str]) -> Array:
-    """Return the colour of the most frequent class at each point, paler if fewer seeds have it."""
+    """Return the colour of the most frequent class at each point, paler if fewer seeds give it."""
     colours = np.array([to_rgb(CLASS_COLOURS[name]) for name in classes])
     share = each.max(axis=-1, keepdims=True)
     return np.asarray(share * colours[each.argmax(axis=-1)] + (1 - share))
@@ -262,7 +262,7 @@ def _scale_axes(axes: Axes, across: Axis, up: Axis | None) -> None:
 
 
 def _edges(axis: Axis) -> Array:
-    """Return the edges of the map pixels, half way between the values or their logarithms."""
+    """Return the edges of the pixels of a map, half way between values or their logarithms."""
     values = np.array(axis.values, dtype=np.float64)
     if axis.logarithmic:
         values = np.log(values)
@@ -278,7 +278,7 @@ def _positions(axis: Axis) -> Array:
 
 
 def _beside(axis: Axis, aside: float) -> Array:
-    """Return the axis values as coordinates, shifted by `aside` times their least distance."""
+    """Return the coordinates of the axis values, shifted by `aside` smallest distances."""
     scaled = np.log(_positions(axis)) if axis.logarithmic else _positions(axis)
     least = float(np.diff(np.sort(scaled)).min()) if len(scaled) > 1 else 1.0
     moved = scaled + aside * least
@@ -305,7 +305,7 @@ def _value_label(name: str, value: Value) -> str:
 
 
 def title(study: SweepStudy) -> str:
-    """Return a title with the parameters that are equal at all points, wrapped into lines."""
+    """Return a title with the parameters that all points share, wrapped into lines."""
     omitted = {'time_limit', 'tolerance', *(axis.name for axis in study.axes)}
     deviating: dict[Value, list[str]] = {}
     parts = []

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measure walls on a grid of chain parameters; seeds give random deviations of the chains.
 
-Write a table and a picture. After an interruption the same command continues the sweep. The table
+Write a table and a picture. After an interruption, the same command continues the sweep. The table
 does not depend on interruptions or on the number of workers.
 """
 

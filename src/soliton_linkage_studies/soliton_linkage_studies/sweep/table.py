@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Table of a sweep, which survives interruptions.
 
-Each finished row is appended to a part file; a copy of the configuration is stored beside it. When
-all rows are finished, they are sorted and written to the table file.
+Each finished row is appended to a part file, beside a copy of the configuration. When all rows are
+finished, they are sorted and written to the table file.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class Table:
     """Context manager of a table in a folder, to which rows are appended.
 
     Raises ValueError if the folder contains rows of another configuration, or if another program
-    is writing to the folder.
+    writes to the folder.
     """
 
     def __init__(self, study: Tabulated, folder: Path) -> None:
@@ -79,7 +79,7 @@ class Table:
         return [row for row in range(self._study.rows) if row not in self._lines]
 
     def append(self, cells: Sequence[Sequence[str]]) -> None:
-        """Append rows, in any order; each row may be appended only once."""
+        """Append rows in any order; each row may be appended only once."""
         lines = {int(row[0]): _line(row) for row in cells}
         self._part.write(''.join(lines.values()))
         self._part.flush()
@@ -133,10 +133,10 @@ class Table:
 def fill_table(
     study: Tabulated, folder: Path, workers: int, scheduler: str = ''
 ) -> tuple[Path, list[dict[str, str]]]:
-    """Measure the missing rows of a table; return the path and the rows of the table.
+    """Measure the missing rows of a table; return its path and all its rows.
 
-    The rows are measured by local processes, or on a Dask cluster if `scheduler` is given. Raises
-    ChildProcessError if a worker ends early; the rows that were finished before are kept.
+    The rows are measured by local processes, or on a Dask cluster if its address `scheduler` is
+    given. Raises ChildProcessError if a worker ends early; the finished rows are kept.
     """
     with Table(study, folder) as table:
         missing = table.missing
@@ -152,7 +152,6 @@ def fill_table(
 
 
 def _fill(study: Tabulated, table: Table, missing: list[int], pool: Pool) -> None:
-    """Measure the missing rows and show rows per second since the call of this function."""
     line = ProgressLine(study.name, study.rows)
     begin, done, elapsed = time.monotonic(), 0, 0.0
     total = study.rows - len(missing)
@@ -175,7 +174,7 @@ def read_rows(path: Path) -> list[dict[str, str]]:
 
 
 def fingerprint(package: ModuleType) -> str:
-    """Return a hash of all Python files of a package, on which the rows of a table depend."""
+    """Return a hash of all Python files of a package."""
     found = hashlib.sha256()
     for folder in package.__path__:
         for path in sorted(Path(folder).rglob('*.py')):

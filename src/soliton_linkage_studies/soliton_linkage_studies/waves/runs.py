@@ -30,7 +30,7 @@ class Burst:
 
     The torque of a burst of n cycles is
 
-    tau(t) = I omega^2 A sin(omega t) sin(pi t omega / (2 pi n))^2,    0 < t < 2 pi n / omega
+        tau(t) = I omega^2 A sin(omega t) sin(pi t omega / (2 pi n))^2,    0 < t < 2 pi n / omega
 
     with the moment of inertia I. Without the window, a free rotor would oscillate with the
     amplitude A [rad]. If omega lies in the phonon band, the burst starts a wave packet that moves
