@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Least-squares estimate of the lengths and encoder offsets with which all bonds close.
 
-A bond closes if the ends of its two rotors are one rest length apart. The lengths of a bond must
-keep within two limits (see `_room`); otherwise the bond stops walls.
+A bond closes if the ends of its two rotors are one rest length apart. A bond stops walls if its
+lengths are beyond one of two limits (see `_room`).
 """
 
 from __future__ import annotations
@@ -28,17 +28,18 @@ from soliton_linkage.linkage.chain import Array, Chain
 _MOST_STEPS = 30
 """Largest number of Gauss-Newton steps in one run of the iteration [1]; 6 to 15 are usual."""
 _RESTARTS = 3
-"""Largest number of runs of the iteration [1]; each run starts with the lengths that the previous
-one found. Two runs suffice unless several bonds are near a limit."""
+"""Largest number of runs of the iteration [1]; each one starts with the result of the previous
+one."""
 _HALVINGS = 8
-"""Number of tried step lengths [1]: the full step, then repeatedly half the previous length."""
+"""Largest number of step lengths that are tried [1]: the full step, its half, its quarter, ..."""
 _NOISE_OF_COST = 1.0
 """A step is accepted if it increases -2 log likelihood by less than this [1], because the
-first-order derivatives cause errors of this size."""
+linearisation of the misclosures causes errors of this size."""
 _CONVERGED = 0.05
-"""The iteration ends after a step shorter than this, as a Mahalanobis distance [1]."""
+"""The iteration ends after a step whose Mahalanobis length is smaller than this [1]."""
 _TOLERANCE_CHANGE = 0.05
-"""The iteration ends only after a step that changes no tolerance by a larger fraction [1]."""
+"""The iteration ends only after a step that changes no tolerance by more than this fraction
+[1]."""
 
 
 @dataclass(frozen=True)
@@ -47,10 +48,9 @@ class Adjustment:
 
     lengths: Lengths
     covariance: Array
-    """Covariance of the P unknowns of `lengths`, shape (P, P). The mean spacing has no variance,
-    because it is the unit of length."""
+    """Covariance of the P unknowns of `lengths`, (P, P); the mean spacing has no variance."""
     information: Array
-    """Fisher information of the readings, without the prior, on the same unknowns, (P, P)."""
+    """Fisher information of the readings (not of the prior) about the same unknowns, (P, P)."""
     tolerances: Tolerances
     noise: float
     """Standard deviation of a reading [rad], computed from the misclosures of all bonds."""
@@ -75,10 +75,9 @@ def adjust(
 
     `tolerance` is the prior standard deviation of log lengths [1]; if None, it is estimated.
 
-    If a bond is nearly collinear with a rotor in a frame, two different configurations close all
-    bonds in this frame, and the iteration may have followed the wrong one. Therefore, after
-    convergence, the configurations of all frames are computed again from the readings, and the
-    iteration continues if they fit the readings better.
+    A bond that is nearly collinear with a rotor closes in two different configurations, and the
+    iteration may have followed the wrong one. Therefore the configurations of all frames are
+    computed again after convergence, and the iteration continues if they fit better.
     """
     for _ in range(_RESTARTS):
         found = _adjust_once(readings, start, tolerance, relative_deviations)
@@ -148,7 +147,7 @@ def _cost(bundle: Bundle, prior: Array, noise: float) -> float:
 
 
 def observable_basis(lengths: Lengths) -> Array:
-    """Return orthonormal changes of the unknowns, (P, P - 1), that keep the mean spacing."""
+    """Return an orthonormal basis, (P, P - 1), of changes that keep the mean spacing."""
     size = UNKNOWNS_PER_ROTOR * lengths.rotors - 2
     scale = np.zeros((size, 1))
     split(scale[:, 0])[2][:] = lengths.spacings
@@ -181,20 +180,18 @@ _CHANCE = 3.0
 """A bond is reported if it is closer than this to a limit, and corrected if it is beyond a limit
 by less than this [standard deviations]."""
 _MARGIN = 1e-3
-"""A correction leaves a bond on the permitted side of its limit, at a distance of this times the
-spacing of the bond [1]."""
+"""A correction leaves a distance of this times the spacing of the bond to the limit [1]."""
 _ROUNDS = 5
-"""Largest number of rounds of corrections [1]. Another round is necessary if a correction has
-moved a neighbouring bond beyond its limit."""
+"""Largest number of rounds of corrections [1]; one may move a neighbouring bond beyond a limit."""
 
 
 def passable(lengths: Lengths, covariance: Array) -> Lengths:
     """Return the most likely lengths with which no bond stops a wall (see `solitons.passage`).
 
-    The P unknowns p of `lengths` have the covariance C, (P, P). They are corrected by dp = C G^T
-    (G C G^T)^-1 s. For the bonds beyond a limit, s contains the distances that are missing, and G
-    the derivatives of the distances of `_room` by p. A bond is not corrected if it is so far
-    beyond a limit that noise cannot be the cause.
+    The correction of the unknowns p is dp = C G^T (G C G^T)^-1 s, with their covariance C, (P, P).
+    For each bond beyond a limit, s contains by how much its distance (see `_room`) is too small,
+    and G contains the derivatives of this distance by p. A bond so far beyond a limit that noise
+    cannot be the cause is not corrected.
     """
     for _ in range(_ROUNDS):
         room, slopes = _room(lengths)
@@ -212,7 +209,7 @@ def passable(lengths: Lengths, covariance: Array) -> Lengths:
 
 
 def near_limit_bonds(lengths: Lengths, covariance: Array) -> dict[int, float]:
-    """Return the probability that a bond is beyond its limit [1], for each bond near a limit."""
+    """Return, for each bond near a limit, the probability that it is beyond the limit [1]."""
     room, slopes = _room(lengths)
     distances = (room / _deviations(slopes, covariance)).reshape(2, -1).min(axis=0)
     near = np.flatnonzero((distances > 0) & (distances < _CHANCE))
@@ -224,12 +221,12 @@ def _deviations(slopes: Array, covariance: Array) -> Array:
 
 
 def _room(lengths: Lengths) -> tuple[Array, Array]:
-    """Return the distances of K bonds from two limits [m], (2 K,), and the derivatives.
+    """Return the distances of K bonds from two limits [m], (2 K,), and derivatives, (2 K, P).
 
-    A bond has the rest length l, the spacing a and the rotor lengths r_n and r_(n+1). The first
-    distance is l - a - |r_n - r_(n+1)|. The second distance is a + l - r_n - r_(n+1). If it is
-    negative for most bonds, as in spinners, its sign is reversed for all bonds. A bond is beyond a
-    limit if its distance is negative. Their derivatives by the P unknowns have shape (2 K, P).
+    For a bond with the rest length l, the spacing a and the rotor lengths r_n and r_(n+1), the
+    distances are l - a - |r_n - r_(n+1)| and a + l - r_n - r_(n+1). If the second distance is
+    negative for most bonds, as in spinners, its sign is reversed for all bonds. A bond with a
+    negative distance is beyond the limit.
     """
     r, a, rest = lengths.rotor_lengths, lengths.spacings, lengths.rest_lengths
     left, right = r[:-1], r[1:]

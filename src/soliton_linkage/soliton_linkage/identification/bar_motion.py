@@ -43,13 +43,12 @@ from soliton_linkage.orbit.deviating_orbit import orbit_of
 from soliton_linkage.orbit.orbit import Orbit
 
 _GRID = 0.03
-"""Step between the arc lengths of `_OrbitTable` [rad]. Sensitivity: at 0.5x, the estimated masses
-change by 1e-4 of the mean mass."""
+"""Step between the arc lengths of `_OrbitTable` [rad]; at 0.5x, masses change by 1e-4."""
 _SLIDING = 0.1
-"""Rate w above which dry friction is nearly constant [rad/s]. Its exact value matters little,
-because the rotors in a wall turn much faster."""
+"""Rate w above which dry friction is nearly constant [rad/s]; rotors in a wall turn much
+faster."""
 _ROUNDS = 2
-"""Number of estimates of the standard deviation of log masses, each followed by a fit [1]."""
+"""Number of times that the prior of the log masses is estimated and the fit is repeated [1]."""
 _KNOWN = 1e-6
 """Prior standard deviation of log gravity if gravity is known [1]."""
 _LARGEST_EXCESS = 1.5
@@ -59,15 +58,15 @@ _MOST_STEPS = 15
 """Largest number of evaluations of the residuals in a fit [1]; 4 to 6 are usual."""
 _CONVERGED = 1e-4
 """A fit ends when a step decreases the sum of squares by less than this fraction [1]; noise
-changes the sum by 10 times as much."""
+changes the sum by 10 times this fraction."""
 _RATE_FRAMES = 8
 """Number of frames at the start of a free motion from which its initial speed is estimated [1]."""
 _STEP = 1e-4
-"""Step of the numerical derivatives by an unknown, divided by the absolute value of the unknown or
-by its prior standard deviation, whichever is larger [1]."""
+"""The step of a numerical derivative by an unknown is this times the absolute value of the
+unknown, or times its prior standard deviation if this is larger [1]."""
 _INFORMED = 1e-9
 """A combination of length errors is neglected if its variance is smaller than this fraction of the
-largest one [1], because it is then a rounding error."""
+largest variance [1], because it is then a rounding error."""
 
 
 def _acceleration(
@@ -116,14 +115,14 @@ def move_along(
     begin: Array,
     arcs: Array,
 ) -> None:
-    """Integrate K motions along an orbit; store arc lengths [rad] at the T `times` in `arcs`.
+    """Store the arc lengths [rad] of K motions along an orbit at T `times` in `arcs`, (T, K).
 
-    `arcs` has the shape (T, K). `begin`, (2, K), contains the initial arc lengths and speeds u.
-    `drags`, (2, K), contains damping and dry friction.
+    `begin`, (2, K), contains the initial arc lengths and speeds u. `drags`, (2, K), contains
+    damping and dry friction.
 
-    The forces are tabulated at G arc lengths. `grid` contains the first of these arc lengths, the
-    step between them, and the rate w. `roots`, (G, K), contains sqrt(I), `gravity`, (G, K), the
-    sum of m_n r_n g sin(phi_n + tilt) t_n, and `friction`, (G,), the sum of |t_n|.
+    At G arc lengths, `roots`, (G, K), contains sqrt(I); `gravity`, (G, K), contains sum_n m_n r_n
+    g sin(phi_n + tilt) t_n; and `friction`, (G,), contains sum_n |t_n|. `grid` contains the first
+    of these arc lengths, the step between them, and the rate w.
     """
     for k in range(begin.shape[1]):
         s, u = begin[0, k], begin[1, k]
@@ -147,8 +146,6 @@ def move_along(
 
 
 class _Sums(NamedTuple):
-    """Inertia I and sum of m_n r_n t_n exp(i phi_n), at G arc lengths and for K chains, (G, K)."""
-
     inertia: Array
     weight: NDArray[np.complex128]
 
@@ -210,14 +207,13 @@ def _arcs_of(orbit: Orbit, angles: Array, noise: float) -> tuple[Array, Array]:
 
 
 class BarMotion(NamedTuple):
-    """Masses, drag and gravity from free motions; units are the mean spacing and the mean mass."""
+    """Masses, drag and gravity from free motions, in units of the mean spacing and mean mass."""
 
     masses: Array
     mass_deviations: Array
     """Standard deviations of the natural logarithms of the masses [1], (N,)."""
     drag: tuple[float, float]
-    """Damping [1/s] and dry friction [1/s^2] of each rotor, divided by the mean mass and by the
-    square of the mean spacing."""
+    """Damping [1/s] and dry friction [1/s^2] of each rotor, per unit of the moment of inertia."""
     drag_deviations: tuple[float, float]
     gravity: float
     gravity_deviation: float
@@ -230,9 +226,8 @@ def bar_motion(
     """Estimate masses, drag and gravity from free motions; return None if this is not possible.
 
     The result is None if no free motion has enough frames, or if the residuals are so large that
-    other forces probably acted. `covariance` is the covariance of the unknowns of `lengths`, and
-    `noise` the standard deviation of a reading [rad]. Unless `gravity_known`, gravity is
-    estimated.
+    other forces probably acted. `covariance` belongs to the unknowns of `lengths`, and `noise` is
+    the standard deviation of a reading [rad]. Gravity is estimated unless `gravity_known`.
     """
     orbit = orbit_of(lengths.chain(Chain()))
     intervals = free_intervals(readings.times, readings.interruptions)
@@ -263,8 +258,6 @@ def _combinations(covariance: Array) -> Array:
 
 
 class _Fit:
-    """Least-squares fit of masses, drag, gravity and initial states to measured arc lengths."""
-
     def __init__(
         self,
         table: _OrbitTable,

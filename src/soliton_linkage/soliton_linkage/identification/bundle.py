@@ -36,10 +36,9 @@ _MISSING_VARIANCE = 1e4
 _CLOSINGS = 8
 """Largest number of Newton steps of the angles after a change of lengths [1]; 2 or 3 are usual."""
 _CLOSED = 1e-4
-"""Newton's method ends when no angle changes by this or more [rad]; the noise is far larger."""
+"""Newton's method ends when all angles change by less than this [rad]; noise is far larger."""
 _LARGEST_ERROR = 0.3
-"""A Newton step moves an angle no farther than this from its reading [rad]; without this limit,
-Newton's method would diverge for wrong lengths."""
+"""A Newton step moves an angle at most this far from its reading [rad], to avoid divergence."""
 
 
 class Misclosures(NamedTuple):
@@ -51,7 +50,8 @@ class Misclosures(NamedTuple):
     second: Array
     """Derivatives by the angle of the right rotor, df_n / dphi_{n+1} [m/rad]."""
     slopes: Array
-    """Derivatives of f_n by the six unknowns of bond n (see `Lengths`), shape (N - 1, T, 6)."""
+    """Derivatives of f_n by r_n, o_n, a_n, l_n, r_{n+1} and o_{n+1} (see `lengths`), (N - 1, T,
+    6)."""
 
     def torques(self, forces: Array) -> Array:
         """Return the torques R^T F on the rotors, (N, T), for bond forces F, (N - 1, T)."""
@@ -82,13 +82,13 @@ def misclosures(lengths: Lengths, angles: Array) -> Misclosures:
 
 
 class CholeskyFactor(NamedTuple):
-    """Cholesky factor of M = R S R^T: diagonal and lower diagonal, (N - 1, T) each."""
+    """Cholesky factor L of M = R S R^T = L L^T: diagonal and lower diagonal, (N - 1, T) each."""
 
     diagonal: Array
     below: Array
 
     def whitened(self, values: Array) -> Array:
-        """Return misclosures, (N - 1, ..., T), as independent values with variance 1."""
+        """Return L^-1 w, which has independent elements, for misclosures w, (N - 1, ..., T)."""
         whitened = np.empty_like(values)
         whitened[0] = values[0] / self.diagonal[0]
         for n in range(1, len(values)):
@@ -96,7 +96,7 @@ class CholeskyFactor(NamedTuple):
         return whitened
 
     def solved(self, whitened: Array) -> Array:
-        """Return M^-1 w, (N - 1, T), where the argument is the result of `whitened` for w."""
+        """Return M^-1 w = L^-T `whitened`, (N - 1, T), where `whitened` is L^-1 w."""
         solved = np.empty_like(whitened)
         last = len(solved) - 1
         solved[last] = whitened[last] / self.diagonal[last]
@@ -106,10 +106,7 @@ class CholeskyFactor(NamedTuple):
 
 
 def cholesky_factor(first: Array, second: Array, variances: Array) -> CholeskyFactor:
-    """Return the Cholesky factor of M for the variances S of the readings [rad^2], (N, T).
-
-    `first` and `second`, (N - 1, T), are the elements of R (see `Misclosures`).
-    """
+    """Return the Cholesky factor of M for the variances S of the readings [rad^2], (N, T)."""
     own = first**2 * variances[:-1] + second**2 * variances[1:]
     between = second[:-1] * first[1:] * variances[1:-1]
     diagonal, below = np.empty_like(own), np.zeros_like(own)
@@ -124,7 +121,7 @@ class NormalEquations(NamedTuple):
     """Normal equations of the P unknowns, for readings with the variance 1 rad^2."""
 
     matrix: Array
-    """Left side: the information, the sum of J^T M^-1 J over all frames [1/rad^2], (P, P)."""
+    """Left side, the information: sum of J^T M^-1 J over all frames [1/rad^2], (P, P)."""
     vector: Array
     """Right side: minus the sum of J^T M^-1 w over all frames, (P,)."""
     squares: Array
@@ -144,8 +141,8 @@ class Bundle:
         """Start with readings [rad], (T, N), NaN if missing.
 
         `relative_deviations` are the standard deviations of the readings, divided by the standard
-        deviation of a typical reading [1]. `repeat_counts` is, for each reading, the number of
-        successive equal readings that include it; together, these have the weight of one reading.
+        deviation of a typical reading [1]. `repeat_counts` is the result of
+        `readings.repeat_counts`: a run of equal readings has the weight of one reading.
         """
         self._readings = np.ascontiguousarray(readings.T)
         self._seen = np.isfinite(self._readings)
@@ -161,8 +158,8 @@ class Bundle:
         ]
         self.angles = np.array(interpolated) - lengths.offsets[:, None]
         self.normal: NormalEquations
-        """Normal equations, linearised at the estimated angles. Only bundles that `closed` has
-        returned have this attribute."""
+        """Normal equations at the estimated angles; only results of `closed` have this
+        attribute."""
 
     def closed(self, lengths: Lengths) -> Bundle:
         """Return a bundle with other lengths, whose angles are corrected until all bonds close."""
@@ -200,8 +197,9 @@ class Bundle:
     def error_equations(self, shapes: Array) -> tuple[Array, Array]:
         """Return both sides of the normal equations of the P unknowns and of K N encoder errors.
 
-        Each error adds its size times its shape to the readings of a rotor. `shapes` has shape (K,
-        N, T), and the sides have shapes (P + K N, P + K N) and (P + K N,).
+        The size of an encoder error times its shape is added to the readings of a rotor. `shapes`,
+        (K, N, T), contains K shapes for each rotor. The left side of the equations is a matrix, (P
+        + K N, P + K N).
         """
         rotors, size = self.lengths.rotors, UNKNOWNS_PER_ROTOR * self.lengths.rotors - 2
         every = size + len(shapes) * rotors
@@ -222,7 +220,7 @@ class Bundle:
         return matrix, vector
 
     def close(self) -> float:
-        """Take one Newton step of all angles to close bonds; return the largest change [rad]."""
+        """Take one Newton step of all angles to close bonds; return its largest change [rad]."""
         largest = 0.0
         for frames in self._batches():
             linearised, factors, whitened = self._linearised(frames)
@@ -258,9 +256,5 @@ class Bundle:
 
 
 def covariance_in(basis: Array, information: Array) -> Array:
-    """Return the covariance, (P, P), of P unknowns that can change only along the basis vectors.
-
-    The K columns of `basis`, (P, K), are the basis vectors. `information` is the information on
-    all P unknowns, (P, P).
-    """
+    """Return the covariance, (P, P), of unknowns that change only along the columns of `basis`."""
     return np.asarray(basis @ np.linalg.inv(basis.T @ information @ basis) @ basis.T)

@@ -16,12 +16,12 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.solitons.passage import find_obstacles
 
 _LARGEST_SPREADS = 0.2, 0.25
-"""Largest plausible relative standard deviations [1]: the first one applies to lengths of one
-kind, the second one to masses and stiffnesses."""
+"""Largest plausible relative standard deviations [1] of lengths of one kind, for example of all
+spacings, and of masses and stiffnesses."""
 _USUAL_OF_ROTOR, _USUAL_OF_FRAMES = 1.3, 0.3
-"""Causes are ranked by two ratios, relative to these usual values [1]: the mean square residual of
-the worst rotor divided by that of all rotors (a fault of one encoder), and the share of the
-squared residuals in the worst tenth of the frames (a kick or a hand)."""
+"""Usual values of the two ratios that rank causes [1]. The mean square residual of the worst
+rotor, divided by that of all rotors, is larger if one encoder is wrong. The share of the worst
+tenth of the frames in the squared residuals is larger if a kick or a hand has acted."""
 _FAR_SPACING = 1.5
 """A spacing is reported if it is more than this times the median spacing, or less than the median
 spacing divided by this [1]."""
@@ -29,11 +29,9 @@ _SCALE_PARTS = {'rotor_length', 'spacing', 'rest_length'}
 _MOST_NAMED = 4
 """Largest number of weakly observable combinations that are described one by one [1]."""
 _NOT_OBSERVABLE = 1e-4
-"""A combination of unknowns counts as not observable if the information on it is smaller than this
-[1]. Its standard deviation is then above 100."""
+"""A combination of unknowns with less information than this counts as not observable [1]."""
 _WEAK = 0.1
-"""A combination of unknowns is reported if its standard deviation is larger than this [1]. The
-standard deviation is computed from the readings without the prior."""
+"""A combination is reported if its standard deviation, without the prior, is above this [1]."""
 
 
 def check_explained(
@@ -46,12 +44,10 @@ def check_explained(
 ) -> None:
     """Raise ValueError with the most likely causes if the model does not explain the readings.
 
-    If it explains them only with an error of an encoder, which the text `fault` describes, raise
-    ValueError with this text.
-
-    `model` is the name of the fitted model. `noise` is the noise computed from the `residuals`,
-    (T, N), divided by the reading noise [1]. `spreads` contains two estimates of relative standard
-    deviations [1]: one for lengths of one kind, and one for masses and stiffnesses.
+    `model` is the name of the fitted model. `noise` is the root mean square of the `residuals`,
+    (T, N), divided by the reading noise [1]. `spreads` contains the estimated relative standard
+    deviations [1] of lengths of one kind, and of masses and stiffnesses. `fault` describes a
+    significant encoder error, or is empty. If it is not empty, ValueError is raised in any case.
     """
     lengths, masses = spreads
     faults = []
@@ -131,9 +127,9 @@ def weakly_observable(
 ) -> tuple[str, ...]:
     """Return a text for each combination of unknowns that the readings determine only weakly.
 
-    `information`, (P, P), is the information of the readings on the P unknowns, which can change
-    only along the K columns of `basis`, (P, K). `split` maps an array of unknowns to a dictionary
-    from the name of each kind of unknowns to the unknowns of this kind.
+    `information`, (P, P), is the information of the readings about P unknowns, which change only
+    along the K columns of `basis`, (P, K). `split` returns a dictionary of the unknowns, with the
+    names of their kinds as keys.
     """
     values, vectors = np.linalg.eigh(basis.T @ information @ basis)
     weak = [

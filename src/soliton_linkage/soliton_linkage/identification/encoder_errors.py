@@ -1,15 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Score test (Rao, 1948) of two errors of encoders: a wrong gain, and play of the coupling.
 
-A fit assumes that a reading is y = o + phi. An encoder error g adds g s to the reading, with a
-shape s: the angle phi for the gain, and for play the lag of the encoder behind the rotor. With the
-normal equations A dp + B g = b of the unknowns p, and B^T dp + D g = c of the errors, one error
-has the estimate g with the information S:
+A fit assumes that a reading is y = o + phi. An encoder error of the size g adds g s to the
+reading. For a wrong gain, the shape s is the angle phi; for play, it is the lag of the encoder
+behind the rotor, relative to half of the play. With the normal equations A dp + B g = b of the
+unknowns p, and B^T dp + D g = c of the errors, one error has the estimate g with the information
+S:
 
     S = D - B^T A^-1 B,    g = (c - B^T A^-1 b) / S.
 
-The lengths of neighbouring bonds must change together to imitate an error of an inner rotor, and
-the prior of the lengths makes this improbable. Errors of edge rotors are less certain.
+Wrong lengths can cause the same residuals as an error of an inner encoder only if the lengths of
+neighbouring bonds change together, which the prior makes improbable. Errors of the encoders at the
+edges are less certain.
 """
 
 from __future__ import annotations
@@ -26,21 +28,21 @@ from soliton_linkage.identification.readings import Readings, repeat_counts
 from soliton_linkage.linkage.chain import Array
 
 _SIGNIFICANT = 4.5
-"""An error is reported if it is larger than this [standard deviations]; in 20 correct recordings
-of 12 rotors, the largest gain error was 2.3 and the largest play 4.0."""
+"""An error is reported if it is larger than this [standard deviations]; in 20 recordings of 12
+rotors with correct encoders, the largest gain error was 2.3, and the largest play 4.0."""
 _SMALLEST_ERROR = 0.02
-"""Smallest relative error of a gain [1], and smallest play [rad], that are reported. The gain
-error changes lengths by about 1 %."""
+"""Smallest relative error of a gain [1], and smallest play [rad], that are reported. A gain error
+of this size changes the estimated lengths by about 1 %."""
 _HALF_PLAY = 0.05
-"""Half of the play for which the shape of the lag is computed [rad]. Sensitivity: with 0.05, half
-plays of 0.05 and 0.1 rad were estimated as 0.05 and 0.07 to 0.11 rad."""
+"""Half of the play for which the shape of the lag is computed [rad]. An actual half play of 0.05
+rad was estimated as 0.05 rad, and one of 0.1 rad as 0.07 to 0.11 rad."""
 
 
 def error_shapes(angles: Array) -> Array:
     """Return the shapes of the gain and of the play, (2, T, N), for angles [rad], (T, N).
 
-    An encoder with play keeps its angle until the rotor has moved by the play. The lag is divided
-    by half of the play; it is -1 while the rotor turns forwards, and 1 while it turns backwards.
+    An encoder with play keeps its angle until the rotor has moved by the play. Its shape is
+    therefore -1 while the rotor turns forwards, and 1 while it turns backwards.
     """
     lags = np.zeros_like(angles)
     for frame in range(1, len(angles)):
@@ -50,10 +52,7 @@ def error_shapes(angles: Array) -> Array:
 
 
 def bar_scores(readings: Readings, found: Adjustment, noise: float) -> tuple[Array, Array]:
-    """Return the result of `error_scores` after a fit of bars.
-
-    `noise` is the standard deviation of a reading [rad].
-    """
+    """Return the result of `error_scores` for a fit of bars; `noise` is the reading noise."""
     data = readings.unwrapped, readings.relative_deviations, repeat_counts(readings.unwrapped)
     bundle = Bundle(found.lengths, *data).closed(found.lengths)
     shapes = error_shapes(bundle.angles.T).transpose(0, 2, 1)

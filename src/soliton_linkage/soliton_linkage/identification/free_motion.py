@@ -37,7 +37,8 @@ from soliton_linkage.identification.motion_loops import (
 from soliton_linkage.linkage.chain import Array
 
 _LONGEST_STEP = 0.4
-"""Longest integration step times `FreeMotion.fastest` [1]; the angle errors are below 2e-5 rad."""
+"""Integration steps are at most this / `FreeMotion.fastest` [1]; angle errors are below 2e-5
+rad."""
 _BATCH = 32
 """Number of frames with sensitivities in memory at a time; for 40 rotors they need 3 MB."""
 _SLIDING = 0.1
@@ -135,9 +136,9 @@ class FreeMotion:
 
 
 def split_chain(unknowns: Array) -> dict[str, Array]:
-    """Return views of the unknowns of a chain in a dictionary, with the names of kinds as keys.
+    """Return a dictionary that contains a view of the unknowns of each kind.
 
-    The names are the fields of `Deviations`, and `offset`, `friction` and `gravity`.
+    Its keys are the fields of `Deviations`, and `offset`, `friction` and `gravity`.
     """
     at = unknown_slices((len(unknowns) + 3 - FORCE_UNKNOWNS) // (UNKNOWNS_PER_ROTOR + 2))
     damping, friction, gravity = np.split(unknowns[at.forces], FORCE_UNKNOWNS)
@@ -181,10 +182,9 @@ def states_with_sensitivities(motion: FreeMotion, times: Array) -> Iterator[tupl
 
 
 def gradient_of(motion: FreeMotion, times: Array, states: Array, weights: Array) -> Array:
-    """Return the derivatives of the sum of angles * weights by the unknowns, (Q,).
+    """Return the derivatives by the unknowns, (Q,), of sum(angles * `weights`); weights: (T, N).
 
-    The sum extends over all times and rotors. The weights have shape (T, N), and the states, (T,
-    2, N), are the result of `states_at` for the same motion and times.
+    `states`, (T, 2, N), is the result of `states_at` for the same motion and times.
     """
     rotors, at = len(motion.masses), motion.slices
     pull, gradient = np.zeros((2, rotors)), np.zeros(5 * rotors + FORCE_UNKNOWNS)

@@ -43,7 +43,7 @@ _NOT_CLOSED = (
     'the joints, and whether a rotor was held'
 )
 _ADJUSTED = 0.05
-"""Fraction of the work that is done after the fit of the lengths and offsets [1]."""
+"""Progress that is reported after the fit of the lengths and offsets [1]."""
 _KICK = (
     'a kick that was not recorded acts near {}; the frames near it were not used for masses, '
     'springs and drag'
@@ -57,10 +57,9 @@ _RIGID = (
     'impulses'
 )
 _ADJUSTMENTS = 6
-"""Largest number of fits of the lengths [1]. Outliers are removed after each fit, and the next fit
-may reveal smaller outliers."""
+"""Largest number of fits of the lengths [1]; outliers are removed after each one."""
 _MOST_FITTED = 3000
-"""Largest number of frames in the fit of a motion; for 40 rotors it then takes 20 s or more."""
+"""Largest number of frames in the fit of a motion; for 40 rotors, this fit takes 20 s or more."""
 
 
 def identify(
@@ -91,7 +90,7 @@ def identify(
 
 
 def _duration_of_torques(readings: Readings) -> float:
-    """Return how long known torques act [s]; they are recorded as successive impulses."""
+    """Return how long torques act [s]; they are recorded as successive impulses."""
     spans = np.diff(sorted(impulse.time for impulse in readings.impulses))
     return float(spans[spans < ARRIVAL].sum())
 
@@ -212,10 +211,9 @@ def _fit_springs(
     spacing_known: bool,
     stages: Stages,
 ) -> tuple[MotionFitter, MotionFit] | str:
-    """Fit the free motion of a chain of springs.
+    """Fit springs; return the reason if the fit fails, and '' if rigid bars fit equally well.
 
-    The fit starts with the lengths `found`, whose residuals are `residuals` [rad]. If it fails,
-    return the reason as a text. If rigid bars fit equally well, return an empty text.
+    `residuals` [rad] are those of the fit `found` in the frames of `some`.
     """
     rotors = found.lengths.rotors
     angles = some.filled - found.lengths.offsets - residuals

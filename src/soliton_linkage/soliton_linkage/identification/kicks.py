@@ -19,7 +19,7 @@ from soliton_linkage.linkage.chain import Array
 _MOST_KICKS = 3
 """Largest number of unrecorded kicks that are searched for [1]; each requires another fit."""
 _CANDIDATES = 5
-"""Number of sudden changes of the speed, the largest ones, at which a kick is tried [1]."""
+"""A kick is tried at this number of the largest sudden changes of the speed [1]."""
 _KICK_FRAMES = 7
 """Number of successive frames whose residuals are averaged in the search for a kick."""
 _BEFORE_KICK = 0.06
@@ -29,21 +29,20 @@ _SUSPICIOUS = 1.05
 """If springs do not fit without a kick, a kick is accepted only if the residual noise of rigid
 bars is at least this times the residual noise of springs with the kick [1]."""
 _KICKED = 5.5
-"""A kick is assumed if a second initial state decreases -2 log likelihood by more than the mean
-decrease that it would cause without a kick, plus this number of standard deviations [1]."""
+"""A kick is assumed if a separate initial state after it decreases -2 log likelihood by more than
+the decrease that is expected without a kick, plus this number of its standard deviations [1]."""
 _STEP_NOISE = 0.02
 """The speed before and after a possible kick is averaged over so many frames that its standard
 deviation due to noise is this fraction of the root mean square speed [1]. Sensitivity: in 14 of 16
-recordings with a random kick, the largest change is the kick; at 2x, in 12; at 0.5x, in 14."""
+recordings, the largest change of the speed is at the kick; at 2x, in 12; at 0.5x, in 14."""
 _FEWEST = 8
 """Smallest number of frames over which the speed on each side of a kick is averaged [1]."""
 _SMALLEST_STEP = 0.08
 """If springs do not fit without a kick, a kick is tried only at a change of the speed by more than
 this fraction of the root mean square speed [1]."""
 _AT_REST = 1e-3
-"""The direction of motion is the vector of the mean rates divided by its norm, or by this times
-the root mean square speed [1] if this is larger, because the norm is 0 while the chain is at
-rest."""
+"""The direction of motion is the vector of the rates divided by its norm, or by this times the
+root mean square speed [1] while the norm is smaller, for example at rest."""
 
 _Fitted = tuple[MotionFitter, MotionFit] | str
 
@@ -51,7 +50,7 @@ _Fitted = tuple[MotionFitter, MotionFit] | str
 def fit_around_kicks(
     some: Readings, fit: Callable[[Readings], _Fitted], noise: float, bar_noise: float
 ) -> tuple[_Fitted, list[float]]:
-    """Find unrecorded kicks; return a fit of springs between them, and the times of the kicks [s].
+    """Find unrecorded kicks; return a fit without the frames near them, and their times [s].
 
     The function `fit` fits springs to readings, and returns a text if springs do not fit. `noise`
     is the reading noise, and `bar_noise` is the residual noise of a fit of rigid bars [rad].
@@ -128,7 +127,6 @@ def _steps(some: Readings, noise: float) -> tuple[Array, Array]:
 
 
 def _slopes(times: Array, angles: Array, count: int) -> Array:
-    """Return slopes of lines, each fitted to `count` angles of a rotor, (T - count + 1, N)."""
     weights = sliding_window_view(times, count)
     weights = weights - weights.mean(axis=1, keepdims=True)
     weights = weights / np.sum(weights**2, axis=1, keepdims=True)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Unknown lengths of a chain and offsets of its encoders: order, initial values and prior.
 
-The order of the P unknowns is r_0, o_0, a_0, l_0, r_1, and so on until o_{N-1}. In it, r, a and l
+The order of the P unknowns is r_0, o_0, a_0, l_0, r_1, and so on until o_{N-1}. Here, r, a and l
 are the logarithms of rotor length, spacing and rest length, and o is an encoder offset [rad].
 
 In the prior, the logarithms of each of the three kinds of lengths are normally distributed about
@@ -44,7 +44,7 @@ class Lengths:
         return len(self.rotor_lengths)
 
     def changed(self, change: Array) -> Lengths:
-        """Return the lengths after a `change`, (P,), which is first limited by `_LONGEST_STEP`."""
+        """Return lengths whose unknowns differ by `change`, (P,), shortened to `_LONGEST_STEP`."""
         largest = float(np.abs(change).max(initial=0.0))
         rotor, offset, spacing, rest = split(change * min(1.0, _LONGEST_STEP / max(largest, 1e-9)))
         return Lengths(
@@ -98,7 +98,7 @@ def split(unknowns: Array) -> tuple[Array, Array, Array, Array]:
 
 
 def split_lengths(unknowns: Array) -> dict[str, Array]:
-    """Return a dictionary of views of the unknowns; keys: fields of `Deviations`, and `offset`."""
+    """Return the result of `split` as a dictionary from fields of `Deviations`, and `offset`."""
     names = 'rotor_length', 'offset', 'spacing', 'rest_length'
     return dict(zip(names, split(unknowns), strict=True))
 
@@ -146,11 +146,9 @@ def initial_lengths(angles: Array) -> Lengths:
 
 
 _INITIAL = 0.04
-"""Initial value of the tolerances of lengths [1] and of offsets [rad]; with a larger value, the
-estimates of single lengths diverge."""
+"""Initial tolerances of lengths [1] and offsets [rad]; with larger values, estimates diverge."""
 _SMALLEST, _LARGEST = 1e-4, 0.3
-"""Limits of the estimated tolerances of lengths [1] and of offsets [rad]; the lengths of machined
-parts typically have a tolerance of ten times the lower limit."""
+"""Limits of the estimated tolerances of lengths [1] and of offsets [rad]."""
 
 
 @dataclass(frozen=True)
@@ -173,7 +171,7 @@ class Tolerances:
         return information
 
     def is_close(self, other: Tolerances, fraction: float) -> bool:
-        """Return whether both tolerances differ from `other` by at most a fraction of it [1]."""
+        """Return whether both tolerances equal those of `other` within a `fraction` [1]."""
         return (
             abs(self.lengths - other.lengths) <= fraction * other.lengths
             and abs(self.offsets - other.offsets) <= fraction * other.offsets
@@ -183,7 +181,7 @@ class Tolerances:
     def estimated(lengths: Lengths, covariance: Array, given: float | None) -> Tolerances:
         """Return tolerances estimated from lengths and the covariance of their unknowns, (P, P).
 
-        If `given` is not None, it becomes the tolerance of the lengths [1], without an estimate.
+        If `given` [1] is not None, it replaces the estimated tolerance of the lengths.
         """
         rotor, offset, spacing, rest = split(np.diag(covariance))
         squares = [
@@ -197,7 +195,7 @@ class Tolerances:
 
 
 def to_unknowns(lengths: Lengths) -> Array:
-    """Return the unknowns, (P,): offsets and log lengths in the order given by the module."""
+    """Return the unknowns, (P,), in the order that the module docstring states."""
     values = np.empty(UNKNOWNS_PER_ROTOR * lengths.rotors - 2)
     rotor, offset, spacing, rest = split(values)
     rotor[:], offset[:] = np.log(lengths.rotor_lengths), lengths.offsets

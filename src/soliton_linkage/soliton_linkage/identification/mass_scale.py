@@ -28,11 +28,11 @@ from soliton_linkage.identification.windows import FreeWindow
 from soliton_linkage.linkage.chain import Array
 
 _BEFORE = 50
-"""Number of fitted frames before the impulses; at 2x, the rates are 3 times as precise."""
+"""Number of fitted frames before the impulses; at 2x, the initial rates are 3 times as precise."""
 _AFTER = 25
 """Number of fitted frames after the impulses; they show most of the effect of the impulses."""
 _MOST = 5
-"""Largest number of fits [1], each to impulses between two free motions; one takes a second."""
+"""Largest number of fits, each to impulses between two free motions [1]; one takes a second."""
 _LONGEST = 500
 """Impulses are used if at most this many frames separate the free motions before and after."""
 
@@ -79,10 +79,7 @@ def _by_impulses(
     impulses: Sequence[tuple[float, Array]],
     spacing: float,
 ) -> tuple[float, float, float] | None:
-    """Return log(1 / M) for the mean mass M, and two parts of the variance of this logarithm.
-
-    The first part is due to the noise of readings, the second one to errors of the fitted chain.
-    """
+    """Return log(1 / M), its variance due to noise, and its variance due to the fitted chain."""
     times = readings.times
     first, last = before.frames.stop, after.frames.start
     begin = max(before.frames.start, first - _BEFORE)

@@ -45,7 +45,7 @@ class Eliminated(NamedTuple):
 def eliminated(matrix: Array, size: int, noise: float, damping: float) -> Eliminated:
     """Eliminate the initial state of a window from its normal equations.
 
-    `matrix` is the result of `window_matrix`. Its first `size` unknowns belong to the chain, the
+    The first `size` unknowns of `matrix`, the result of `window_matrix`, belong to the chain, the
     others to the initial state. `noise` is the standard deviation of a reading [rad], and
     `damping` is the relative increase of the diagonal (Levenberg-Marquardt) [1].
     """
@@ -118,9 +118,9 @@ class StampErrors(NamedTuple):
     def whitened(self, pulls: Array, values: Array) -> Array:
         """Return whitened residuals or sensitivities, (..., B, N), of B frames.
 
-        Errors of the stamps correlate the weighted readings of a frame. The result contains linear
-        combinations of the `values` of each frame, chosen so that their errors are independent.
-        `pulls`, (B, N), are the weighted rates of the frames.
+        Errors of the stamps correlate the weighted readings of a frame. Therefore the `values` of
+        each frame are combined so that their errors are independent. `pulls`, (B, N), are the
+        weighted rates.
         """
         if not self.variance:
             return values
@@ -171,8 +171,8 @@ def window_matrix(
     """Return the matrix of the normal equations of a window, for readings of unit variance.
 
     To save time, only each `every`-th frame is used, and the matrix is scaled up to all frames.
-    With `shapes` of K encoder errors in the frames of the window, (K, B, N), the matrix has K N
-    more unknowns between the unknowns of the chain and those of the initial state.
+    With the `shapes` of encoder errors, (K, B, N), in the B frames of the window, the sizes of
+    these errors are K N more unknowns, between those of the chain and those of the initial state.
     """
     motion, rotors = window.motion, np.arange(record.readings.shape[1])
     size = motion.size + (0 if shapes is None else len(shapes) * len(rotors))
@@ -196,7 +196,7 @@ def window_matrix(
 def window_gradient(
     window: FreeWindow, record: Record, states: Array, shapes: Array | None = None
 ) -> Array:
-    """Return the right side of the normal equations of a window, (Q,), as in `window_matrix`.
+    """Return the right side, (Q,), of the equations with the matrix of `window_matrix`.
 
     `states` are the angles and rates in the B frames of the window, (B, 2, N).
     """
@@ -242,10 +242,10 @@ def estimated_stamps(
 
     `stamps` are the recorded times [s], and `noise` is the standard deviation of a reading [rad].
 
-    The delay of a frame is estimated from its residuals: a delay causes residuals that are
-    proportional to the rates. Errors of the model cause apparent delays that vary slowly from
-    frame to frame. Therefore the variance of the stamp errors is computed from second differences
-    of the delays, in which slow variations nearly vanish.
+    The delay of a frame is estimated from its residuals, because a delay causes residuals that are
+    proportional to the rates. Errors of the model cause apparent delays, too, but these vary
+    slowly. Therefore the variance of the stamp errors is computed from second differences of the
+    delays.
     """
     delays, weights = np.zeros((2, len(stamps)))
     sums, squares = 0.0, 0.0

@@ -2,9 +2,9 @@
 """Estimation of a chain of springs, and of the forces on its rotors, from free motions.
 
 The solution of the equation of motion is fitted to the readings in windows with separate initial
-states (multiple shooting, after Bock). In short windows, the angles are nearly linear in all
-unknowns. Windows are merged as the estimate improves. The fit does not use `scipy.optimize`, which
-would need 10 GB for 3000 frames of 40 rotors.
+states (multiple shooting, after Bock). The first windows are short, because the angles in them are
+nearly linear in all unknowns. Windows are merged as the estimate improves. The fit does not use
+`scipy.optimize`, which would need 10 GB for 3000 frames of 40 rotors.
 """
 
 from __future__ import annotations
@@ -50,8 +50,7 @@ the fits of some flippers are 10 % worse."""
 _STEPS = 6
 """Largest number of steps of a fit between two mergers of windows [1]; 2 or 3 are usual."""
 _LAST_STEPS = 40
-"""Largest number of steps of a fit with the longest windows [1]; 2 to 6 are usual, and 20 if the
-likelihood has a curved valley."""
+"""Largest number of steps of a fit with the longest windows [1]; 2 to 20 are usual."""
 _ROUNDS = 4
 """Largest number of times that the tolerances are estimated and the motion is fitted again [1]."""
 _CONVERGED = 0.1
@@ -62,44 +61,38 @@ _COARSE = 0.1
 divided by the number of unknowns, is smaller than this [1]."""
 _SAMPLED = 1.0
 """The fit of a sample of the posterior ends when the expected decrease of -2 log likelihood in a
-step is smaller than this [1]. The sample then has an error below one standard deviation
-(Mahalanobis distance)."""
+step is smaller than this [1]."""
 _STIFFNESS_FACTORS = (1, 1 / 5, 5)
 """Initial stiffnesses that are tried, relative to the given stiffness [1]."""
 _TOLERANCE_CHANGE = 0.05
 """The tolerances have converged if an estimate changes them by at most this fraction [1]."""
 _SAMPLES = 4
-"""Number of samples of the posterior [1]; with half as many, the uncertainty of the standard
-deviations is 1.4 times as large."""
+"""Number of samples of the posterior [1]; with fewer, the standard deviations are less certain."""
 _SAMPLED_STEPS = 20
 """Largest number of steps of the fit of a sample [1]; 3 to 10 are usual."""
 _FITTING = 0.5
 """Two windows are merged if the motion of the first window, continued through the second window,
-differs from the readings there by less than this [rad]. The difference is the norm over all
-rotors, as root mean square over the frames."""
+differs from the readings there by less than this [rad]. The difference of a frame is the norm over
+all rotors, and its root mean square over the frames is compared."""
 UNEXPLAINED = 1.5
 """A model matches readings if its residual noise is at most this times the reading noise [1]."""
 _SIGNIFICANT = 3.0
-"""Smallest significant difference of two values of the squared noise [standard deviations]."""
+"""A difference of squared noise is significant if it is larger than this [standard deviations]."""
 _NOISE_SCATTER = 2.3
-"""The squared noise that is estimated from n readings has a relative standard deviation of this
-value, divided by sqrt(n) [1]."""
+"""The squared noise from n readings has the relative standard deviation this / sqrt(n) [1]."""
 _MATRIX_FRAMES = 1000
-"""Approximate number of frames from which the matrices of the normal equations are computed.
-Gradients and sums of squares are computed from all frames."""
+"""Approximate number of frames from which matrices (but not gradients) are computed."""
 _DAMPINGS = 12
 """Largest number of damping factors that are tried for one step [1]; each is four times the
-previous one, and the last one is 100."""
+previous one, and the last one is about 100."""
 _FASTEST = 100.0
-"""A motion is rejected if its fastest rate times the frame interval is larger than this [1],
-because the integration of faster vibrations takes too long."""
+"""A motion is rejected if `FreeMotion.fastest` times the frame interval is larger than this
+[1]."""
 _LONGEST_STEP = 1.0
-"""Largest change of the log of a length, stiffness or mass in a step [1]; larger ones are
-reduced."""
+"""Largest change of a log length, stiffness or mass in a step [1]; longer steps are shortened."""
 _FAR = 5.0
 """After a step, the matrices are computed again if the decrease of -2 log likelihood that was
-expected in this step, divided by the number of unknowns, is larger than this [1]. The chain has
-then changed too much for the previous matrices."""
+expected in this step, divided by the number of unknowns, is larger than this [1]."""
 _SLOW = 0.5
 """After a step, the matrices are also computed again if the convergence is slow, that is, if the
 expected decrease is larger than this times the expected decrease in the previous step [1]."""
@@ -119,7 +112,7 @@ class MotionFit:
     covariance: Array
     """Covariance of the Q - 2 N unknowns of the chain, without the 2 N of the initial state."""
     information: Array
-    """Information of the readings on the same unknowns; the prior is not included."""
+    """Information of the readings (not of the prior) about the same unknowns."""
     basis: Array
     noise: float
     residuals: Array
@@ -171,7 +164,7 @@ class MotionFitter:
         self._basis = observable_changes(motion, gravity_known)
 
     def fit(self, bar_noise: float) -> MotionFit | None:
-        """Fit a chain of springs to the readings; return None if one of bars fits equally well.
+        """Fit a chain of springs to the readings; return None if rigid bars fit equally well.
 
         `bar_noise` is the residual noise of the fit of bars [rad].
         """
@@ -221,8 +214,8 @@ class MotionFitter:
     def gain_by_kick(self, before: int, after: int) -> float:
         """Return by how much -2 log likelihood decreases if a kick acts between two frames [1].
 
-        The frames before `before` and the frames from `after` on are fitted with separate initial
-        states. The frames between are not used.
+        The frames before `before` and those from `after` on have separate initial states; the
+        frames between are not used.
         """
         found = self._windows
         self._windows = windows_around(found, self._record.times, before, after)
@@ -235,13 +228,13 @@ class MotionFitter:
         return cost
 
     def error_scores(self) -> tuple[Array, Array]:
-        """Return the scores of the errors of the encoders, as `encoder_errors.error_scores`."""
+        """Return the result of `encoder_errors.error_scores` for this fit."""
         prior, given = self._prior.evaluate(self._motion), (self._windows, self._record)
         equations = error_equations(*given, self._noise, self._every, error_shapes)
         return error_scores(*equations, *prior, self._basis)
 
     def sampled(self, found: MotionFit) -> MotionFit:
-        """Return `found`, from `fit`, with its covariance enlarged to the scatter of samples."""
+        """Return the result of `fit` with its covariance increased to the scatter of samples."""
         samples = self._samples(self._found)
         covariance = inflated_covariance(found.covariance, samples, found.motion.slices)
         return replace(found, covariance=covariance)
@@ -335,7 +328,7 @@ class MotionFitter:
         return bool(np.sum(errors**2) < _FITTING**2 * len(errors))
 
     def _cost(self, windows: Sequence[FreeWindow]) -> tuple[float, list[Array]]:
-        """Return -2 log likelihood, and the states of each window at its frames, (B, 2, N)."""
+        """Return -2 log likelihood, and for each window the states in its B frames, (B, 2, N)."""
         if not windows[0].motion.fastest * self._interval < _FASTEST:
             return math.inf, []
         information, values = self._prior.evaluate(windows[0].motion)

@@ -13,7 +13,8 @@ and `pull_back` is the adjoint of this integration. Arguments for N rotors and Q
     work, (8, N): accelerations phi'' and their derivatives by angles, rates and forces;
     direct, (5 N, 3): row k N + n contains the derivatives of phi'' of the rotors n - 1, n, n + 1
         by unknown k of rotor n, where k counts log r, log a, log l, log k and log m;
-    sources, (Q,): for each unknown, its row in direct, or one of the negative constants.
+    sources, (Q,): the row in direct of each unknown; otherwise NO_SOURCE for initial states,
+        UNMOVED for offsets, and BY_FORCE - k for unknown k of the forces.
 """
 
 from __future__ import annotations
@@ -54,7 +55,8 @@ def accelerate(
 ) -> None:
     """Compute accelerations and their derivatives for angles [rad] and rates [rad/s], (N,) each.
 
-    The results are stored in `work` and `direct`. If `direct` is empty, no derivatives are valid.
+    The results are stored in `work` and `direct`. If `direct` is empty, derivatives are not
+    computed.
     """
     rotors, values, inertias = angles.size, work[ACCELERATION], table[INERTIA]
     gravity = forces[ALONG] != 0.0 or forces[DOWN] != 0.0
@@ -153,10 +155,10 @@ def advance_sensitivities(
     own: Array,
     changes: Array,
 ) -> None:
-    """Advance the sensitivities of angles and rates, (Q, 2, N), by one Runge-Kutta step [s].
+    """Advance `changes`, sensitivities of angles and rates, (Q, 2, N), by a Runge-Kutta step [s].
 
-    `changes` are the sensitivities. `works` and `directs` are from `advance` for the same step.
-    `own`, (5, N + 2), is working memory; the first and the last element of its row 0 must be 0.
+    `works` and `directs` are the results of `advance` for the step. `own`, (5, N + 2), is working
+    memory; the first and the last element of its row 0 must be 0.
     """
     rotors = changes.shape[2]
     x_at, v_at, acceleration, x_sum, v_sum = own[0], own[1], own[2], own[3], own[4]
@@ -231,9 +233,8 @@ def integrate(
 def reverse(step: float, works: Array, directs: Array, pull: Array, gradient: Array) -> None:
     """Propagate the adjoint `pull` of the state, (2, N), back over one Runge-Kutta step [s].
 
-    The derivatives of this step with respect to the parameters are added to `gradient`,
-    (5 N + 3,): 5 N of the chain and 3 of the forces.
-    `works` and `directs` are the results of `advance` for the step.
+    The derivatives by the 5 N parameters of the chain and the 3 parameters of the forces are added
+    to `gradient`, (5 N + 3,). `works` and `directs` are the results of `advance` for the step.
     """
     rotors = pull.shape[1]
     after, torque, total = np.zeros((2, rotors)), np.zeros(rotors + 2), pull.copy()
@@ -274,10 +275,10 @@ def pull_back(
     pull: Array,
     gradient: Array,
 ) -> None:
-    """Add the derivatives of the sum of angles * weights to `pull` and `gradient`.
+    """Differentiate the sum of all angles times `weights`, (T, N).
 
-    `pull`, (2, N), receives derivatives by the initial state, `gradient`, (5 N + 3,), by chain and
-    forces. `states` is the result of `integrate`, and `weights` has shape (T, N).
+    The derivatives by the initial state are added to `pull`, (2, N), and those by the parameters
+    of the chain and the forces to `gradient`, (5 N + 3,). `states` is the result of `integrate`.
     """
     rotors = pull.shape[1]
     at, works = np.empty((4, 2, rotors)), np.empty((4, 8, rotors))

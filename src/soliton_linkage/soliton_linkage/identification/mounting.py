@@ -7,7 +7,7 @@ a, the rotor lengths r_1 and r_2, and the bond length l,
     cos(phi_1 - phi_2) = K_0 + K_1 sin(phi_2) - K_2 sin(phi_1),
     K_0 = (a^2 + r_1^2 + r_2^2 - l^2) / (2 r_1 r_2),    K_1 = a / r_1,    K_2 = a / r_2.
 
-An error of half a turn of phi_2 changes the signs of K_0 and K_1. If the sign of a reading is
+An error of half a turn of phi_2 changes the signs of K_0 and K_2. If the sign of a reading is
 reversed, or if the rotors are not neighbours, then either no curve of this form fits the angles,
 or the fitted bond has lengths with which no wall can pass it.
 """
@@ -33,16 +33,16 @@ _QUANTILES = 0.02, 0.98
 _WEIGHTINGS = 4
 """Number of successive fits of a curve [1]; each fit uses weights from the previous one."""
 _FLATTEST = 0.1
-"""The weight of a frame in the fit of a curve is the inverse of the derivative of the misfit by
-the angles. This value is added to the derivative in quadrature, so that no frame dominates [1]."""
+"""The weight of a frame in the fit of a curve is 1 / sqrt(d^2 + this^2), with the derivative d [1]
+of the misfit by the angles. Without this term, frames with d near 0 would dominate."""
 _BETTER = 0.8
 """The sign of an encoder counts as reversed if the misfit with the opposite sign is less than this
 times the misfit with the recorded sign [1]."""
 _AS_GOOD = 1.25
 """This limit replaces `_BETTER` if a wall can pass the bond only with the opposite sign [1]."""
 _IMPASSABLE = 0.95
-"""A bond counts as impassable for walls if its `_Curve.room` is smaller than this [1]. The exact
-limit is 1, but noise changes `room` by 0.03."""
+"""A bond counts as impassable if its squared length, relative to the smallest that lets a wall
+pass, is smaller than this [1]. The exact limit is 1, but noise changes this ratio by 0.03."""
 _MOST_NAMED = 4
 """Largest number of absent joints that a message names [1]."""
 _MOST_WRONG = 1 / 4
@@ -50,7 +50,7 @@ _MOST_WRONG = 1 / 4
 
 
 class Mounting(NamedTuple):
-    """Faults of one encoder; in a `_Curve`, of the right encoder relative to the left one."""
+    """Faults of an encoder, or of the second encoder of a pair relative to the first one."""
 
     reversed: bool = False
     turned: bool = False
@@ -70,7 +70,8 @@ class _Curve(NamedTuple):
     room: float
     """Squared length of the fitted bond, relative to the smallest that lets a wall pass [1]."""
     backward: bool
-    """Whether the joints are exchanged, or both are wrong by half a turn (K_1, K_2 < 0)."""
+    """Whether K_1 and K_2 are negative: the joints are exchanged, or both have half-turn
+    errors."""
 
     @property
     def strange(self) -> bool:
@@ -82,7 +83,7 @@ class _Curve(NamedTuple):
 
 
 def check_mounting(readings: Array, names: Sequence[str]) -> None:
-    """Raise ValueError for exchanged joints, wrong signs or half turns in readings, (T, N)."""
+    """Raise ValueError for exchanged joints, wrong signs or half-turn errors in `readings`."""
     curves = _curves(readings)
     backward = [n for n, curve in enumerate(curves) if curve.backward]
     if 0 < len(backward) < len(curves) / 2:
@@ -118,8 +119,9 @@ def check_mounting(readings: Array, names: Sequence[str]) -> None:
 def zeros_explain(readings: Array, errors: Array) -> bool:
     """Return whether zero errors [rad], (N,), explain all pairs that do not move like neighbours.
 
-    They do not explain a missing rotor: its two neighbours move differently, although their zeros
-    are correct, and a change of their zeros spoils the curves of the bonds beside them.
+    This requires that the correction of the errors reduces the misfits of the fitted curves. If a
+    rotor between two joints is missing instead, the correction increases the misfits of the
+    adjacent pairs.
     """
     curves, corrected = _curves(readings), _curves(readings - errors)
     wrong = errors != 0
@@ -221,11 +223,11 @@ def _fitted(first: Array, second: Array, is_reversed: bool) -> _Curve:
 _CHECKED_FRAMES = 9
 """Approximate number of frames in which the unit of the angles is checked [1]."""
 _SMALLEST_IN_DEGREES = 4.0
-"""If the angles are in degrees, at least one angle of each frame is larger than this, because one
-of two neighbours is at 90 degrees or more."""
+"""Angles count as degrees only if one in the frame is larger than this; in degrees, one of any two
+neighbours is at 90 or more."""
 _LARGEST_STAGGER = 0.2
-"""For angles in radians, the median of 1 + cos(phi_n + phi_{n+1}) in a frame is smaller than this
-[1]; for angles in degrees, it is 0.4 or more."""
+"""Angles fit a chain if the median of 1 + cos(phi_n + phi_{n+1}) over a frame is smaller than this
+[1]; if degrees are used as radians, it is 0.4 or more."""
 
 
 def check_unit(readings: Array) -> None:
@@ -236,7 +238,7 @@ def check_unit(readings: Array) -> None:
 
 
 def in_degrees(angles: Array) -> bool:
-    """Return whether phi_n + phi_{n+1} = pi nearly holds only after conversion from degrees."""
+    """Return whether phi_n + phi_{n+1} is near pi only after conversion from degrees."""
     largest = np.nanmax(np.abs(angles), initial=0.0)
     return bool(
         np.isfinite(largest)

@@ -30,17 +30,17 @@ _MOST_NAMED = 4
 _PAUSE = 1.0
 """Time that `join_recordings` leaves between two recordings [s]."""
 _SHORTEST = 30
-"""Smallest number of frames between two resets for which `divided` keeps them [1]."""
+"""`divided` omits parts with fewer frames than this [1]."""
 _RESET_STEP = 0.1
-"""Smallest step of a rotor at a reset [rad]."""
+"""A rotor counts as stepping if its angle changes by more than this between two frames [rad]."""
 _RESET_ROTORS = 2
-"""Smallest number of rotors that step at a reset [1], because a single one may be a slipping
-encoder."""
+"""A reset is assumed only if at least this many rotors step [1]; a single encoder may slip."""
 _RESET_RATIO = 4.0
-"""At a reset, the change of all angles is larger than this times the changes before and after it
-[1]. For moving walls at 10 to 500 frames per second, this ratio was at most 2.3."""
+"""A reset is assumed only if the norm of the changes of all angles is larger than this times the
+norms one frame earlier and later [1]. For moving walls at 10 to 500 frames per second, this ratio
+was at most 2.3."""
 _LARGEST_RELATIVE_DEVIATION = 100.0
-"""Relative standard deviations are limited to values between 1 / 100 and this [1]."""
+"""Relative standard deviations are limited to the range from 1 / this to this [1]."""
 
 
 class RecordedImpulse(NamedTuple):
@@ -76,7 +76,7 @@ class Readings:
 
     @cached_property
     def filled(self) -> Array:
-        """Readings [rad] without jumps of 2 pi and gaps, (T, N); ValueError if too few exist."""
+        """Unwrapped readings [rad] with filled gaps, (T, N); ValueError if too few exist."""
         names, rotors = self.joints, self.angles.shape[1]
         if rotors < _FEWEST_ROTORS:
             raise ValueError(
@@ -95,7 +95,7 @@ class Readings:
 
     @cached_property
     def unwrapped(self) -> Array:
-        """Readings [rad] without jumps of 2 pi, NaN where missing, (T, N)."""
+        """Unwrapped readings [rad], NaN where missing, (T, N)."""
         return np.where(np.isfinite(self.angles), self.filled, np.nan)
 
     @cached_property
@@ -140,7 +140,7 @@ class Readings:
 
 
 def interpolated(angles: Array, times: Array | None = None) -> Array:
-    """Return readings, (T, N), without jumps of 2 pi and gaps; a rotor without any stays NaN."""
+    """Unwrap readings, (T, N), and fill their gaps; a rotor without readings stays NaN."""
     times = np.arange(len(angles), dtype=np.float64) if times is None else times
     filled = np.full_like(angles, np.nan)
     present = np.isfinite(angles)
@@ -151,7 +151,7 @@ def interpolated(angles: Array, times: Array | None = None) -> Array:
 
 
 def join_recordings(recordings: Sequence[Readings]) -> Readings:
-    """Join recordings with an unknown impulse between them; ValueError if their joints differ.
+    """Join recordings, separated by unknown impulses; raise ValueError if joints differ.
 
     The times of a recording are shifted unless it begins after the end of the previous one.
     """
@@ -193,10 +193,7 @@ def join_recordings(recordings: Sequence[Readings]) -> Readings:
 
 
 def is_reset(times: Sequence[float], angles: Sequence[Array]) -> bool:
-    """Return whether the chain is put into another state between the second and third of 4 frames.
-
-    This is the case if several rotors step at once. A kick changes only the rates.
-    """
+    """Return whether several rotors step at once between the second and third of 4 frames."""
     changes = [np.nan_to_num(wrapped(step)) for step in np.diff(angles, axis=0)]
     before, here, after = (float(np.linalg.norm(each)) for each in changes)
     first, gap, last = np.diff(times)
@@ -206,10 +203,7 @@ def is_reset(times: Sequence[float], angles: Sequence[Array]) -> bool:
 
 
 def divided(recording: Readings, resets: Sequence[float]) -> Readings:
-    """Return a recording as several joined ones, which begin at the times of resets [s].
-
-    Each has its own motion and cannot be continued. Parts with few frames are omitted.
-    """
+    """Divide a recording at the times of resets [s], omit short parts, and join the others."""
     begins = [-math.inf, *sorted(resets)]
     parts = [
         _part(recording, begin, end)
@@ -264,11 +258,10 @@ _TURNING = 0.05
 """A rotor counts as turning if its mean direction over `_AVERAGED` frames differs from the mean
 over the previous `_AVERAGED` frames by more than this [1]."""
 _AT_REST = 0.1
-"""Largest ratio of the frames that are selected while all rotors rest to those that are selected
-while a rotor turns [1], both per second and in all."""
+"""The frames that are selected while all rotors rest are at most this times those that are
+selected while a rotor turns [1], both in total and per second."""
 _FILLINGS = 5
-"""Number of iterations in the computation of the density of selected frames [1]. Each iteration
-limits it to the density of all frames, and distributes the excess over other times."""
+"""Number of iterations that limit the density of selected frames to that of all frames [1]."""
 
 
 def informative_frames(

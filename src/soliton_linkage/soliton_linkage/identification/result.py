@@ -44,7 +44,7 @@ class Identification:
     bond_noise: Array
     """Standard deviation of a reading [rad], from the residuals at each bond, (N - 1,)."""
     tolerance: float
-    """Relative standard deviation of rotor lengths, of spacings, and of rest lengths [1]."""
+    """Relative standard deviation of each kind of lengths within the chain [1]."""
     rigid: bool
     """Whether all bonds close within the noise, so that stiffnesses are unknown."""
     unused_frames: int
@@ -77,7 +77,7 @@ def by_springs(
     scale: tuple[float, float] | None,
     unused_frames: int,
 ) -> Identification:
-    """Return the result for springs: lengths, stiffnesses, masses and drag from the fitted motion.
+    """Return the result for springs; all values come from the fitted motion.
 
     `scale` contains the mean mass [kg] and the standard deviation of its log [1], if known.
     """
@@ -153,7 +153,7 @@ def by_bonds(
     moved: BarMotion | None,
     unused_frames: int,
 ) -> Identification:
-    """Return the result for rigid bars: lengths from the bonds, masses and drag from motion."""
+    """Return the result for rigid bars: lengths from `found`, masses and drag from `moved`."""
     deviations = split_lengths(found.deviations)
     offsets = deviations.pop('offset')
     chain = found.lengths.scaled(given.spacing).chain(given)

@@ -31,8 +31,7 @@ _LARGEST_SLOWNESS = 0.02
 _LATE = 1.5
 """A frame is late or missing if an interval is longer than this times the median interval [1]."""
 _COUNTED_FRAMES = 10
-"""Missing frames are counted in blocks of this many frames, from the duration of each block, so
-that a single late frame does not count as missing."""
+"""Missing frames are computed from the durations of blocks of this many frames."""
 _LARGEST_NOISE = 0.05
 """Largest acceptable noise of a reading [rad]."""
 _NOISY = 3.0
@@ -44,7 +43,7 @@ _LEAST_SEEN = 0.99
 _LARGEST_STRETCH = 0.02
 """Largest acceptable relative stretch of a bond [1]; a zero error of 0.05 rad causes more."""
 _LARGEST_OFFSET = 2.9
-"""Offsets up to this are tried as a cause of stretches [rad]; larger ones count as half turns."""
+"""Zero errors up to this are tried as a cause of stretches [rad]; larger ones are half turns."""
 _LARGEST_CHANGE = 0.3
 """Relative errors of lengths up to this are tried as the cause of the stretches [1]."""
 _EXPLAINED = 1 / 3
@@ -116,7 +115,7 @@ class RigFindings:
 def check_rig(
     watched: WatchedFrames, turns: Sequence[Turn], names: Sequence[str], chain: Chain | None
 ) -> RigFindings:
-    """Check frames of a resting rig and turns by hand; raise ValueError for under 4 frames."""
+    """Check frames of a resting rig, and turns by hand; raise ValueError for too few frames."""
     if len(watched.stamps) < 4:
         raise ValueError(f'{len(watched.stamps)} frames are too few to check a rig; publish more')
     findings = [*_stamp_findings(watched)]
@@ -152,10 +151,7 @@ def is_resting(angles: Array) -> bool:
 
 
 def is_at_edge(angles: Array, first: bool) -> bool:
-    """Return whether readings of a frame, (N,), show a soliton at the first (or the last) edge.
-
-    A hand can turn an edge rotor only if the soliton is there. All rotors then lean to this edge.
-    """
+    """Return whether readings of a frame, (N,), show a soliton at the first (or the last) edge."""
     leans = np.sin(np.deg2rad(angles) if in_degrees(angles) else angles)
     against = int((leans > 0).sum() if first else (leans < 0).sum())
     return against <= max(1, _MOST_AGAINST * len(angles))
@@ -342,7 +338,7 @@ class _Bonds:
         self._rest = chain.rest_lengths[: chain.number_of_rotors - 1]
 
     def stretches(self, angles: Array, rotor_scale: float | Array = 1.0) -> Array:
-        """Return the median over T frames of the relative stretch of each bond [1], (N - 1,)."""
+        """Return the median relative stretch of each bond over all frames [1], (N - 1,)."""
         lengths = self._lengths * rotor_scale
         x = self._pivots + lengths * np.sin(angles)
         apart = np.hypot(np.diff(x, axis=1), np.diff(lengths * np.cos(angles), axis=1))
@@ -427,7 +423,6 @@ def _chain_findings(bonds: _Bonds, names: Sequence[str]) -> Iterator[RigFinding]
 
 
 def _passage_findings(angles: Array, names: Sequence[str]) -> Iterator[RigFinding]:
-    """Check zeros, signs and order of all rotors, if a soliton has passed all of them."""
     readings = interpolated(angles)
     if len(names) < 4 or not np.isfinite(readings).all():
         return

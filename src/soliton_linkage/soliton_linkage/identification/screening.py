@@ -31,17 +31,16 @@ _LEANING = 0.5
 _FAR_OFF = 2.0
 """If the largest zero error is larger than this, the joints probably have a wrong order [rad]."""
 _LARGEST_ZERO_ERROR = 0.5
-"""Largest zero error of an encoder for which the fit of lengths and offsets converges [rad];
-correct encoders have apparent errors of up to 0.3 rad."""
+"""Largest zero error for which the fit of lengths and offsets converges [rad]. For correct
+encoders, errors of up to 0.3 rad are computed."""
 _TRIMMINGS = 6
 """Number of iterations that compute the robust mean of the angles at rest [1]."""
 _SHARPNESS = 20.0
-"""Sharpness s of the robust mean [1/rad^2]: an angle at the distance d from the mean has the
-weight exp(-s d^2 / 2)."""
+"""Sharpness s of the robust mean [1/rad^2]: the weight at the distance d is exp(-s d^2 / 2)."""
 
 
 class IncompletePassage(ValueError):
-    """Error of a recording in which no wall passes all rotors."""
+    """Error for a recording in which no wall passes all rotors."""
 
 
 def check_motion(readings: Array, names: Sequence[str]) -> None:
@@ -128,23 +127,23 @@ LEAST_NOISE = 1e-4
 """The fits, and the searches for outliers, assume at least this noise of a reading [rad]."""
 _OUTLIER = 7.0
 """A reading counts as wrong if it differs from a smooth motion by more than this [standard
-deviations], plus the term that `_OF_RANGE` defines."""
+deviations] plus the term with `_OF_RANGE`."""
 _OF_RANGE = 0.3
-"""While a rotor turns, the allowed difference from a smooth motion is larger by the product of
-this [1], the range of the adjacent readings, and the number of readings in the run."""
+"""Because a rotor may turn, a run of readings may additionally differ from a smooth motion by this
+[1] times the number of its readings times the range of the adjacent readings."""
 _BESIDE = 3
-"""Number of readings on each side of a run of readings with which the run is compared [1]."""
+"""A run of readings is compared with this many readings before it and after it [1]."""
 _LONGEST_RUN = 3
 """A run of successive wrong readings of a rotor is removed if it is not longer than this [1]; a
 longer run may be a slip of the encoder."""
 _SPARSE = 3.0
-"""Frames are sparse at intervals of more than this times the dense interval [1]. A rotor may turn
-far in such an interval, so that its angle looks like a wrong reading or like a slip."""
+"""A frame interval is long if it is more than this times the `_DENSE_FRAMES` quantile of all
+intervals [1]. A rotor may turn far in a long interval, which looks like a wrong reading or a
+slip."""
 _DENSE_FRAMES = 0.05
-"""The dense interval is this quantile of the frame intervals [1]."""
+"""Quantile of the frame intervals that is used as the interval without gaps [1]."""
 _PASSES = 6
-"""Largest number of searches for wrong readings [1]; a search finds an error only after larger
-errors near it are removed."""
+"""Largest number of searches for wrong readings [1]; a large error hides smaller ones near it."""
 
 
 def without_outliers(recording: Readings) -> Readings:
@@ -162,7 +161,6 @@ def without_outliers(recording: Readings) -> Readings:
 
 
 def _sparse(times: Array, reach: int) -> NDArray[np.bool_]:
-    """Return which frames are within `reach` frames of a long frame interval, (T,)."""
     spans = np.diff(times)
     long = spans > _SPARSE * np.quantile(spans, _DENSE_FRAMES)
     beside = np.append(long, False) | np.append(False, long)
@@ -170,17 +168,16 @@ def _sparse(times: Array, reach: int) -> NDArray[np.bool_]:
 
 
 def isolated(angles: Array, limits: Array) -> NDArray[np.bool_]:
-    """Return which angles, (T, N), are outliers: short runs of frames that fit no smooth motion.
+    """Return which angles, (T, N), are outliers: runs of up to 3 angles that fit no smooth motion.
 
-    Apart from whole turns, all angles of such a run differ by more than the allowed difference
-    from a cubic curve through two angles before and two angles after the run. They also differ
-    from at least one of two lines through angles before the run, and from at least one of two
-    lines through angles after it. The lines are necessary because, beside a permanent step,
-    correct angles also differ from the cubic curve. They are near both lines on their side of the
-    step, and therefore do not count as outliers.
+    Apart from whole turns, each angle of such a run differs by more than the allowed difference
+    from three predictions. The first one is a cubic curve through the two angles before and the
+    two angles after the run. The second one is a line through the last angle before the run and
+    one of the two angles before that; the worse of these two lines counts. The third one is found
+    in the same way after the run. Near a permanent step, correct angles differ from the cubic
+    curve, but not from the lines on their own side of the step.
 
-    `limits` are the allowed differences [rad], (T, N), to which a part is added that is
-    proportional to the range of the adjacent angles.
+    The allowed difference is `limits` [rad], (T, N), plus the term with `_OF_RANGE`.
     """
     runs = [_run_excess(angles, limits, length) for length in range(1, _LONGEST_RUN + 1)]
     excess = np.zeros_like(angles)
@@ -199,11 +196,7 @@ def isolated(angles: Array, limits: Array) -> NDArray[np.bool_]:
 
 
 def _run_excess(angles: Array, limits: Array, length: int) -> Array:
-    """Return the smallest ratio of difference to limit in each run of L angles, (T - L + 1, N).
-
-    L is `length`. The run is an outlier if the ratio [1] is larger than 1. The docstring of
-    `isolated` explains the differences and the limits.
-    """
+    """Return the smallest ratio of difference to limit in each run of `length` angles."""
     count = len(angles) - length + 1
     padded = np.pad(angles, ((_BESIDE, _BESIDE), (0, 0)), 'reflect')
     places = [*range(_BESIDE), *range(_BESIDE + length, 2 * _BESIDE + length)]
@@ -222,10 +215,7 @@ def _run_excess(angles: Array, limits: Array, length: int) -> Array:
 
 
 def _curve_weights(length: int) -> Array:
-    """Return the weights with which six adjacent angles predict a run of L angles, (5, L, 6).
-
-    The five predictions are a cubic curve, two lines before the run and two lines after it.
-    """
+    """Return the weights of six adjacent angles in five predictions of a run (see `isolated`)."""
     places = np.array([-3, -2, -1, length, length + 1, length + 2])
     nodes = [1, 2, 3, 4], [1, 2], [0, 2], [3, 4], [3, 5]
     weights = np.zeros((len(nodes), length, len(places)))
@@ -243,10 +233,7 @@ _MEDIAN_FRAMES = 9
 
 
 def stray_residuals(residuals: Array, noise: float) -> NDArray[np.bool_]:
-    """Return which residuals [rad] are outliers, (T, N), at most one in each frame.
-
-    `noise` is the standard deviation of a residual [rad].
-    """
+    """Return which residuals [rad] are outliers, (T, N): at most one in each frame."""
     usual = median_filter(residuals, (_MEDIAN_FRAMES, 1), mode='nearest')
     distances = np.abs(residuals - usual)
     largest = distances == distances.max(axis=1, keepdims=True)
@@ -261,12 +248,11 @@ _SMALLEST_SLIP = 2.0
 _JUMP_FRAMES = 15
 """Number of frames before a jump, and also after it, whose mean angles are compared."""
 _JUMP_OVER_NOISE = 10.0
-"""Smallest jump that is reported, relative to the noise of a reading [1]. Noise typically causes
-jumps of 2.2; in 20 recordings, none was larger than 7."""
+"""Smallest jump that is reported, relative to the noise [1]; noise caused jumps of up to 7."""
 _SMALLEST_JUMP = 0.1
 """Smallest jump that is reported [rad]; the motion of a rotor causes no such jump."""
 _JUMP_OVER_NEIGHBOURS = 3.0
-"""A jump is reported if it is larger than this times the simultaneous jumps of both neighbours."""
+"""A jump is reported if it is larger than this times each neighbour's simultaneous jump [1]."""
 
 
 def noise_of(readings: Array, relative_deviations: Array) -> float:
@@ -305,10 +291,7 @@ def check_jumps(recording: Readings, noise: float) -> None:
 
 
 def _sudden_changes(readings: Array, frames: int) -> Array:
-    """Return how much each change differs from the mean of the changes before and after it [rad].
-
-    Each change extends over `frames` frames.
-    """
+    """Return absolute differences of changes over `frames` frames from the adjacent ones [rad]."""
     changes = readings[frames:] - readings[:-frames]
     usual = (changes[: -2 * frames] + changes[2 * frames :]) / 2
     return np.asarray(np.abs(changes[frames:-frames] - usual))

@@ -21,20 +21,19 @@ _INITIAL_FRAMES = 25
 _RATE_FRAMES = 8
 """Number of frames from which the initial rates of a window are estimated."""
 _FEWEST_FRAMES = 30
-"""Frames between two impulses are used only if there are at least this many, so that a wall passes
-a few rotors during these frames."""
+"""Frames between two impulses are used only if there are at least this many."""
 ARRIVAL = 0.05
 """Largest delay between the command of an impulse and its effect [s]."""
 _MERGED = 4
 """Largest number of windows that are merged at a time [1]; at 2x, the wall that the first motion
 predicts may be too far from the recorded one."""
 _LONGEST_WINDOW = 1600
-"""Largest number of frames in a merged window. It then has 800 readings for each unknown of its
-initial state. In longer windows, angles depend less linearly on the unknowns."""
+"""Largest number of frames in a merged window; in longer windows, angles depend less linearly on
+the unknowns."""
 _DENSE_FRAMES = 0.05
-"""This quantile of the frame intervals, each averaged over `_RATE_FRAMES` intervals, is used as
-the frame interval without gaps [1]. Windows end at gaps, which are intervals of more than
-`_RATE_FRAMES` times this frame interval."""
+"""Frame intervals are averaged over `_RATE_FRAMES` frames; this quantile of the averages is used
+as the interval without gaps [1]. Windows end at intervals of more than `_RATE_FRAMES` times that
+interval."""
 
 
 class FreeWindow(NamedTuple):
@@ -97,8 +96,8 @@ def merge_windows(
 ) -> tuple[FreeWindow, ...]:
     """Merge adjacent windows if the motion of the first one also fits the second one.
 
-    The function `fits` decides this from the merged window, which has the motion of the first one,
-    and the frames of the second one.
+    `fits` decides this from the merged window, with the motion of the first one, and from the
+    frames of the second one.
     """
     merged: list[FreeWindow] = []
     count = 0
@@ -119,11 +118,10 @@ def merge_windows(
 def windows_around(
     windows: Sequence[FreeWindow], times: Array, before: int, after: int
 ) -> tuple[FreeWindow, ...]:
-    """Divide the window that contains the frames `before` and `after`; omit the frames between.
+    """Divide the window that contains the frames `before` and `after`, if there is one.
 
     The first part ends before the frame `before`, and the second part begins with the frame
-    `after`. `times` [s] are the times of all frames. If no window contains both frames, the result
-    is the unchanged `windows`.
+    `after`. `times` [s] are the times of all frames.
     """
     parts: list[FreeWindow] = []
     for window in windows:
@@ -160,11 +158,10 @@ def force_deviations(inertia: float) -> Array:
 
 
 def estimated_deviation(squares: float, count: int) -> float:
-    """Return the estimated standard deviation of log masses and log stiffnesses [1].
+    """Return the standard deviation of log masses and log stiffnesses, in a plausible range [1].
 
-    The result is sqrt(`squares` / `count`), limited to a plausible range. `squares` is the
-    expected sum of the squared differences of the logarithms from their prior means, and `count`
-    is the number of degrees of freedom.
+    `squares` is the expected sum of the squared differences of the logarithms from their prior
+    means, and `count` is the number of degrees of freedom.
     """
     return min(max(math.sqrt(squares / count), _SMALLEST), _LARGEST)
 
@@ -178,14 +175,14 @@ class MotionPrior:
     mass_deviation: float = INITIAL_MASS_DEVIATION
     """Prior standard deviation of the logarithms of masses and stiffnesses [1]."""
     shift: Array | float = 0.0
-    """Shift of the prior mean of the unknowns of the chain, (Q - 2 N,). It is random in the fit of
-    a sample of the posterior, and otherwise 0."""
+    """Shift of the prior mean, (Q - 2 N,), in the fit of a sample of the posterior; otherwise
+    0."""
 
     def evaluate(self, motion: FreeMotion) -> tuple[Array, Array]:
-        """Return the information of the prior, and the chain of `motion` minus the prior mean.
+        """Return the prior information, and the unknowns of the chain minus their prior mean.
 
-        Both refer to the Q - 2 N unknowns of the chain. The prior does not restrict the mean of
-        the log lengths of one kind or of the log stiffnesses, only the scatter about it.
+        Both contain the Q - 2 N unknowns of the chain. For the log lengths of one kind, and for
+        the log stiffnesses, the prior restricts only the scatter about their mean, not the mean.
         """
         at, rotors = motion.slices, len(motion.masses)
         size = at.forces.stop
@@ -216,10 +213,9 @@ class MotionPrior:
     ) -> MotionPrior:
         """Return this prior with standard deviations replaced by estimates from a fitted chain.
 
-        The standard deviations of lengths, offsets, masses and stiffnesses are estimated from the
-        scatter of these parameters in the chain of `motion`, and from `covariance`, the covariance
-        of the unknowns of this chain. If `tolerance` [1] is not None, it becomes the standard
-        deviation of the log lengths, which is then not estimated.
+        They are estimated from the scatter of the unknowns of the chain of `motion`, and from the
+        covariance of these unknowns. If `tolerance` [1] is not None, it replaces the estimated
+        standard deviation of the log lengths.
         """
         at = motion.slices
         lengths = covariance[at.lengths, at.lengths]

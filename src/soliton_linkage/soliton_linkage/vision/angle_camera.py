@@ -28,9 +28,9 @@ from soliton_linkage.vision.plane import ChainPlane
 from soliton_linkage.vision.rotor_tracks import Pivots, RotorTracks
 
 _DOT_DEVIATION = 0.7
-"""Standard deviation of the position of a dot in the assignment of dots to rotors [pixels]."""
+"""The assignment of dots to rotors assumes this standard deviation of a position [pixels]."""
 _SEARCHED = 5.0
-"""Largest accepted difference of the angle of a dot from its prediction [standard deviations]."""
+"""A dot is searched for up to this difference from its predicted angle [standard deviations]."""
 _MIN_RADIUS = 1.5
 """Dots with a smaller radius than this cannot be fitted [pixels]."""
 
@@ -94,7 +94,7 @@ class AngleCamera:
         self._known: ChainPlane | None = None
 
     def measure(self, time: float, picture: Picture) -> AngleFrame:
-        """Return the angles in a picture; its exposure starts at a time [s] that must increase.
+        """Measure the angles in the next picture, whose exposure starts at a time [s].
 
         Raises ValueError if the size of the picture differs from the camera parameters.
         """

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Assignment of dots to rotors by maximum likelihood over the whole chain.
 
-The model is a hidden Markov model along the chain, whose steps are the rotors. The state of a
-rotor is one of its candidate dots or "hidden". The likelihood of a dot depends on its colour, on
-its distance from the circle around the pivot, on the predicted angle, and on the distances from
-the dots of the neighbouring rotors. Viterbi's algorithm finds the most likely sequence of states.
-A cost is minus twice the log of a likelihood.
+The rotors are the steps of a hidden Markov model. The state of a rotor is "hidden" or one of its
+candidate dots. The likelihood of a dot depends on its colour, on its distance from the circle
+around the pivot, on the predicted angle, and on the distances from the dots of the neighbouring
+rotors. Viterbi's algorithm finds the most likely sequence of states. A cost is minus twice the log
+of a likelihood.
 """
 
 from __future__ import annotations
@@ -25,8 +25,7 @@ _HIDDEN_COST = 14.0
 """Cost of the state "hidden" [1], between the costs of dots with errors of 3 and of 4 standard
 deviations."""
 _MAX_ANGLE_COST = 30.0
-"""Largest cost of a difference from the predicted angle [1]. The cost is limited, because the
-prediction is wrong after a kick."""
+"""Largest cost of a difference from a predicted angle [1]; after kicks, predictions are wrong."""
 _MAX_BOND_COST = 12.0
 """Limit of the cost of an unexpected bond length [1]. Without it, a wrong dot of one rotor would
 make the next rotor hidden."""
@@ -62,10 +61,9 @@ def assign_dots(
 ) -> NDArray[np.intp]:
     """Return the number of the dot on the mass of each rotor, or `HIDDEN`, (N,).
 
-    `points`, (2, K, 2), contains the positions of K dots [m] twice, because they depend on the
-    height of a dot: first for the height of even rotors, then for the height of odd rotors.
-    `point_deviations`, (K,), are the standard deviations of the positions [m]. `colour_costs`, (K,
-    C), contains the cost of each of C colours for each dot.
+    `points`, (2, K, 2), contains the positions that K dots have if they are at the height of even
+    rotors, and if they are at the height of odd rotors [m]. `point_deviations`, (K,), are the
+    standard deviations of the positions [m]. `colour_costs` is that of `Dots`.
     """
     rotors = len(predicted.pivots)
     if not points.shape[1]:
@@ -115,10 +113,7 @@ def _bond_costs(points: Array, predicted: Prediction) -> Array:
 
 
 def _viterbi(costs: Array, bond_costs: Array) -> NDArray[np.intp]:
-    """Return the index of the most likely of W candidates of each rotor, (N,), W if hidden.
-
-    `costs` have the shape (N, W), and `bond_costs`, for pairs of neighbours, (N - 1, W, W).
-    """
+    """Return the index of the most likely of W candidates of each rotor, (N,), W if hidden."""
     rotors, width = costs.shape
     own = np.column_stack([costs, np.full(rotors, _HIDDEN_COST)])
     steps = np.zeros((rotors - 1, width + 1, width + 1))

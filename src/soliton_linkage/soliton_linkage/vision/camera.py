@@ -32,11 +32,11 @@ _MAX_ITERATIONS, _TOLERANCE = 50, 1e-6
 step is smaller than this [pixels]. After 5 iterations, errors at wide angles are still 0.8
 pixels."""
 _MIN_PICTURES, _MAX_PICTURES = 3, 60
-"""Smallest and largest number of pictures for a calibration [1]; fewer pictures do not separate
-focal lengths and distortion."""
+"""Smallest and largest number of pictures for a calibration [1]; with fewer ones, effects of focal
+lengths and distortion cannot be separated."""
 _MIN_MOVE = 0.02
-"""A picture is used for the calibration if the mean displacement of the corners since the last
-used picture, relative to the picture width, is at least this [1]."""
+"""A picture is used for the calibration if the corners have moved, on average, by at least this
+times the picture width since the last used picture [1]."""
 
 
 @dataclass(frozen=True)
@@ -166,7 +166,6 @@ def calibrate(pictures: Iterable[Picture], columns: int, rows: int, square: floa
 
 
 def _chessboard_corners(picture: Picture, columns: int, rows: int) -> Array | None:
-    """Return the inner corners [pixels], (columns rows, 2), or None if some are missing."""
     cv2 = opencv()
     grey = picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
     found, corners = cv2.findChessboardCornersSB(grey, (columns, rows), cv2.CALIB_CB_EXHAUSTIVE)

@@ -4,9 +4,9 @@
 Each rotor is a dark bar. The moments of the darkness of a bar give the middle and the length of
 the bar, and a fitted line gives the axis. The pivots are those ends of the bars that lie on one
 common line. The camera must face the chain with rotor 0 on the left, and bonds must be thinner
-than rotors. The stated standard deviations of the angles are those due to pixel noise, multiplied
-by a factor. The factor is the observed change of the measured bar lengths between pictures,
-divided by the change that pixel noise would cause.
+than rotors. The standard deviations of the angles are those due to pixel noise, multiplied by the
+ratio of the observed changes of bar lengths between pictures to the changes that pixel noise
+causes.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ _MIN_AREA = 12
 
 @dataclass(frozen=True)
 class _Bars:
-    """Middles [pixels] of K dark bars, and vectors from the middle to one end [pixels], (K, 2)."""
+    """Middles of K dark bars, and vectors from a middle to one end [pixels], (K, 2) each."""
 
     middles: Array
     halves: Array
@@ -114,11 +114,7 @@ class DarkRotors:
     def _error_factor(
         self, rotors: NDArray[np.intp], bars: _Bars, which: NDArray[np.bool_]
     ) -> float:
-        """Return the ratio of the observed length errors to those that pixel noise causes [1].
-
-        The observed errors are the differences of the bar lengths from their means. `rotors` are
-        the numbers of the rotors to which the bars belong that `which` selects.
-        """
+        """Return the ratio of the observed length errors to those that pixel noise causes [1]."""
         lengths = np.hypot(*bars.halves[which].T)
         known = self._counts[rotors] > 0
         errors = (lengths - self._lengths[rotors]) / bars.deviations[which, 1]
@@ -180,11 +176,7 @@ def _bar(
 
 
 def _fit_axis(points: Array, weights: Array, axis: Array, reach: float) -> tuple[Array, float]:
-    """Return the direction of a line through points, (P, 2), and its error for unit noise [rad].
-
-    The weights are multiplied by a factor that decreases to zero at the distance `reach` from the
-    middle along the approximate `axis`, so that pixels do not enter the fit abruptly.
-    """
+    """Return the direction of a line through points, and its error for unit noise [rad]."""
     for _ in range(_ITERATIONS):
         normal = np.array([-axis[1], axis[0]])
         taper = np.maximum(1 - (points @ axis / reach) ** 2, 0.0)

@@ -26,7 +26,7 @@ from soliton_linkage.vision.opencv import Picture
 MEMORY = 300
 """Number of pictures after which the weight of a value has decreased to 1/e."""
 _PRIOR_WEIGHT = 30.0
-"""Weight of the expected mean square in the estimate; it counts like this number of values [1]."""
+"""In an estimate, the expected mean square counts like this number of values [1]."""
 _MAX_VALUE = 5.0
 """Values that exceed this times the root mean square are limited or ignored [1], because they
 probably belong to other dots."""
@@ -52,10 +52,7 @@ class FadingMeanSquare:
         self._squares = self._count = 0.0
 
     def add(self, values: Array, expected: float = 1.0) -> None:
-        """Add the values of one picture, (K,), except for outliers.
-
-        `expected` is the expected mean square, from which outliers are determined.
-        """
+        """Add the values of one picture, (K,), except for outliers."""
         valid = values[np.isfinite(values)]
         valid = valid[valid**2 < _MAX_VALUE**2 * self.value(expected)]
         self._squares = _faded(self._squares) + float(valid @ valid)
@@ -79,10 +76,7 @@ class RepeatDetector:
         self._before: Picture | None = None
 
     def compare(self, grey: Picture, centres: Array, radius: float) -> NDArray[np.bool_]:
-        """Return whether the pixels of each dot are the same as in the previous picture, (N,).
-
-        The pixels of a dot are those up to `radius` [pixels] from its centre in each direction.
-        """
+        """Return which dots have the same pixels as before within `radius` [pixels], (N,)."""
         before, self._before = self._before, grey.copy()
         repeated = np.zeros(len(centres), dtype=bool)
         if before is None:
@@ -106,7 +100,8 @@ class DotMeasurements:
     noise: Array
     """Standard deviations of the angles due to pixel noise [rad]."""
     length_errors: Array
-    """Errors of the distances from the pivots, relative to their deviations by pixel noise [1]."""
+    """Errors of distances from the pivots, divided by standard deviations due to pixel noise
+    [1]."""
     pixels_per_radian: Array
     """Displacements of the centres per change of the angles [pixels/rad]."""
     displacements: Array
@@ -124,7 +119,7 @@ class ErrorScale:
         self._repeats, self._before = np.zeros(rotors), np.full(rotors, np.nan)
 
     def update(self, dots: DotMeasurements) -> Array:
-        """Add a picture; return the error of each dot divided by its pixel noise, (N,)."""
+        """Add a picture; return the ratio for each of its dots [1], (N,)."""
         moving = dots.displacements > _MOVING
         self._resting.add(dots.length_errors[~dots.repeated & ~moving])
         self._moving.add(dots.length_errors[~dots.repeated & moving])
@@ -173,8 +168,8 @@ class DeadZone:
     def add(self, dots: DotMeasurements, jumps: float) -> None:
         """Add a picture.
 
-        Until fast dots have been observed, the variance of moving dots, divided by the variance
-        due to pixel noise, is assumed to be `jumps` [1].
+        Until fast dots have been observed, the ratio of the variance of moving dots to the
+        variance due to pixel noise is assumed to be `jumps` [1].
         """
         self._times = np.append(self._times[1:], dots.time)
         self._angles = np.vstack([self._angles[1:], dots.angles])
@@ -189,10 +184,9 @@ class DeadZone:
         self._across.add(self._length_errors[_ORDER // 2, always])
 
     def variances(self, resting: float, jumps: float) -> Array:
-        """Return the variance of each dot divided by the variance due to pixel noise [1], (N,).
+        """Return the ratio of the variance of each dot to that due to pixel noise [1], (N,).
 
-        `resting` is this ratio for dots at rest, and `jumps` the ratio that is assumed for moving
-        dots before fast dots have been observed.
+        `resting` is this ratio for dots at rest, and `jumps` is explained at `add`.
         """
         along = self._along.value(jumps)
         along *= max(1.0, self._across.value() / self._across_difference.value())

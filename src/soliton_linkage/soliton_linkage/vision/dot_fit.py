@@ -82,8 +82,7 @@ def _cover(
 ) -> tuple[float, float, float, float, float]:
     """Return the covered share T of the pixel at (x, y), and its derivatives by x, y, R and b.
 
-    x and y are relative to the centre of the dot. `offsets` is the number of offsets s_k, and
-    `dot` is a row of the argument `dots` of `fit_loop`.
+    x and y are relative to the centre of the dot. `offsets` is the number of offsets s_k.
     """
     sxx, sxy, syx, syy, smear_x, smear_y = dot[4:]
     cover = by_x = by_y = by_radius = by_blur = 0.0
@@ -143,7 +142,7 @@ def normal_loop(
     squared: Array,
     last: bool,
 ) -> tuple[float, float]:
-    """Compute the normal equations; return the sums of squared residuals and of weights.
+    """Compute the normal equations; return sums of the pixels' squared residuals and weights.
 
     The equations are stored in `normal` and `right`. If `last`, the matrix for squared weights,
     from which the covariance is computed, is stored in `squared`.

@@ -24,8 +24,8 @@ _MAX_RELATIVE_RESIDUAL, _MAX_RESIDUAL = 2.0, 0.02
 """A dot is rejected if its residual is larger than the first factor times the median residual of
 all dots, plus the second factor times its contrast [1]."""
 _MAX_SHIFT = 2.5
-"""Largest distance of a fitted dot from the dark spot that led to it [pixels]; for a moving dot,
-half its displacement during the exposure is added."""
+"""Largest distance of a fitted dot from the dark spot at which the fit started [pixels]; half of
+the displacement of the dot during the exposure is added."""
 _GREY_SATURATION = 0.25
 """A dot with a larger saturation than this is certainly not black [1]."""
 _HUE_DEVIATION = 0.5
@@ -43,7 +43,7 @@ class Dots:
     covariances: Array
     """Covariances of the centres [pixels^2], (K, 2, 2)."""
     colour_costs: Array
-    """Cost (minus twice the log likelihood) of each colour of `COLOURS` [1], (K, C)."""
+    """Cost (-2 log likelihood) of each of the C `COLOURS` for each dot [1], (K, C)."""
 
 
 def find_dots(
@@ -57,9 +57,9 @@ def find_dots(
 ) -> Dots:
     """Return the dots in a region (left, top, right, bottom) [pixels].
 
-    A dot must be nearer than `reaches`, (M,) [pixels], to one of the positions `predicted`, (M,
-    2). The dot is fitted with the outline, `outlines`, (M, 2, 2), and the displacement during the
-    exposure, `smears`, (M, 2) [pixels], of the nearest position (see `fit_dots`).
+    A dot must be nearer than `reaches`, (M,), to one of the M positions `predicted`, (M, 2)
+    [pixels]. It is fitted with the outline and the displacement during the exposure that belong to
+    the nearest position in `outlines`, (M, 2, 2), and `smears`, (M, 2) (see `fit_dots`).
     """
     radius = float(np.median(np.abs(np.linalg.det(outlines)))) ** -0.5
     left, top, right, bottom = region
@@ -121,7 +121,7 @@ def _accepted(fitted: FittedDots, spots: Array, smears: Array) -> NDArray[np.boo
 
 
 def _colour_costs(picture: Picture, centres: Array, radius: float) -> Array:
-    """Return the cost of each colour for each dot, (K, C); all costs are 0 in a grey picture."""
+    """Return -2 log likelihood of each of C colours for each of K dots, (K, C); 0 if grey."""
     if picture.ndim == 2 or not len(centres):
         return np.zeros((len(centres), len(COLOURS)))
     middle = np.array([(x, y) for x in (-1, 0, 1) for y in (-1, 0, 1)]) * min(radius / 3, 1.0)

@@ -39,7 +39,7 @@ class PlacingErrors:
         self._parameters = np.linalg.lstsq(fields, moved, rcond=None)[0]
 
     def deviations(self, pivots: Array, arms: Array) -> Array:
-        """Return angle errors, (N,), per error of a marker position: ratios of deviations [rad/m].
+        """Return standard deviations of angles per standard deviation of a position [rad/m], (N,).
 
         `arms`, (N, 2), are the vectors [m] from the pivots, (N, 2), to the masses.
         """
@@ -60,8 +60,7 @@ _MAX_PICTURES = 1000
 """Largest number of pictures over which the centres of dots are averaged, so that the mean follows
 slow motions of the frame."""
 _FIT_PERIOD = 30
-"""Number of pictures from one fit of the plane to the next, except for the first pictures, in
-which it is always fitted."""
+"""The plane is fitted in each of this many first pictures, and then once per so many pictures."""
 FEWEST_DOTS = 6
 """Smallest number of dots that defines a plane and its residual."""
 _MOTION_THRESHOLD = 6.0
@@ -90,12 +89,12 @@ class FrameMarkers:
         self.deviation = 0.0
         """Standard deviation of the position of the plane in the picture [pixels]."""
         self.fit_error = 0.0
-        """Standard deviation of an error of the fitted centres [pixels] that does not change from
-        picture to picture, so that averaging does not reduce it."""
+        """Standard deviation of the constant part of the errors of fitted centres [pixels], which
+        averaging over pictures does not reduce."""
         self.placing: PlacingErrors | None = None
         """Errors of angles due to errors of the marker positions; None without a plane."""
         self.print_scale = 1.0
-        """Ratio of the size of the printed markers to their distances, relative to the layout
+        """Ratio of the size of the markers to their distances, divided by that of the layout
         [1]."""
         self.seen = 0
         """Number of visible dots in the latest picture."""
@@ -220,7 +219,6 @@ class FrameMarkers:
             self.fit_error = float(np.sqrt(max(error**2 - self._variance / self._pictures, 0.0)))
 
     def _detect(self, grey: Picture) -> dict[int, Array]:
-        """Return a dictionary from the numbers of detected markers to corners [pixels], (4, 2)."""
         corners, numbers = self._detector(grey)
         if numbers is None:
             return {}
@@ -238,10 +236,9 @@ def _spreads(dots: Array) -> tuple[float, float]:
 
 
 def _shape_error(dots: Array, expected: Array) -> float:
-    """Return the root mean square error of the shapes of M markers [pixels].
+    """Return the root mean square error of the dots of M markers, (M, 4, 2) [pixels].
 
-    `dots` and `expected`, (M, 4, 2), are the measured and the expected centres of the four dots of
-    each marker. Position, orientation and size of a marker are not part of its shape.
+    Errors of position, orientation and size of a whole marker do not count.
     """
     one, other = (
         np.ascontiguousarray(each).view(np.complex128)[..., 0] for each in (dots, expected)

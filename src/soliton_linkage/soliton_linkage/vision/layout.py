@@ -24,12 +24,12 @@ DICTIONARY = 'DICT_4X4_50'
 MODULES = 6
 """Number of cells along the side of a frame marker, including the black border."""
 DOT_SHARE = 0.48
-"""Diameter of a dot, relative to the diameter of its label [1]. Because edges in a picture are
-blurred, a wide white ring must remain around the dot."""
+"""Diameter of a dot, relative to that of its label [1]; edges in pictures are blurred."""
 COLOURS = ((0, 0, 0), (200, 30, 40), (0, 120, 60), (30, 60, 190))
 """Red, green and blue [0 to 255] of the dots: the first row is for pivots, the rest for masses."""
 _LABEL_OF_SPACING, _LABEL_OF_ROTOR = 0.45, 0.9
-"""Diameter of a label: the smaller of these fractions of the spacing and the rotor length [1]."""
+"""The diameter of a label is the first number times the spacing, or the second number times the
+rotor length if this is smaller [1]."""
 _MARKER_OF_SPACING = 0.9
 """Side of a frame marker, relative to the spacing [1]."""
 _MIN_DISTANCE = 1.05

@@ -44,10 +44,7 @@ class WallMark(NamedTuple):
 def draw_overlay(
     picture: Picture, frame: AngleFrame, names: Sequence[str], walls: Sequence[WallMark] = ()
 ) -> Picture:
-    """Return a copy of a picture on which markers, rotors, their names, and walls are drawn.
-
-    Numbers replace the names if a name is longer than the spacing of the rotors.
-    """
+    """Return a copy of a picture on which markers, rotors, their names, and walls are drawn."""
     cv2 = opencv()
     drawn = cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR) if picture.ndim == 2 else picture.copy()
     pen = _Pen(cv2, drawn)

@@ -77,8 +77,8 @@ class ChainPlane:
     def circle_centres(self, image_centres: Array, radius: float) -> Array:
         """Return the pixels of the centres of circles of a radius [m], (K, 2).
 
-        The picture of a circle is an ellipse. Its centre, in `image_centres` [pixels], (K, 2), is
-        not the picture of the centre of the circle.
+        The picture of a circle is an ellipse, whose centre, in `image_centres` [pixels], (K, 2),
+        is not the picture of the centre of the circle.
         """
         turns = np.arange(16) * (np.pi / 8)
         circle = radius * np.column_stack([np.cos(turns), np.sin(turns)])
@@ -95,7 +95,7 @@ class ChainPlane:
 
 
 def fit_plane(camera: Camera, points: Array, pixels: Array) -> tuple[ChainPlane, float]:
-    """Return the plane that maps points [m] to pixels, (K, 2) each, and the residual [pixels].
+    """Fit a plane to points [m] and pixels, (K, 2) each; return it and the residual [pixels].
 
     The residual is the root mean square error of a coordinate. Raises ValueError if the points
     define no plane.

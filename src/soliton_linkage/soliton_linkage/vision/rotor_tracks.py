@@ -19,7 +19,7 @@ _ACCELERATION = 300.0
 _INITIAL_RATE = 10.0
 """Standard deviation of the rate of a rotor before its second measurement [rad/s]."""
 _MIN_DEVIATION = 0.03
-"""Standard deviation of a predicted angle immediately after its measurement [rad]."""
+"""Standard deviation of a predicted angle immediately after a measurement [rad]."""
 _MAX_DEVIATION = 1.5
 """The predicted angle of a rotor determines its whole turns only if the standard deviation of the
 prediction is smaller than this [rad]."""
@@ -32,8 +32,8 @@ _MAX_LENGTH_ERROR = 0.2
 """Measured lengths are ignored if they differ from configured ones by more than this fraction
 [1]."""
 _MIN_MEASUREMENTS, _MAX_MEASUREMENTS = 5, 300
-"""A mean length of a rotor or bond is used after as many measurements as the first number, and
-averages at most as many measurements as the second number [1]."""
+"""The mean length of a rotor or bond is used after the first number of measurements, and includes
+at most the second number of them [1]."""
 _PIVOT_TOLERANCE = 0.25
 """Largest distance of a pivot from its expected position, relative to the spacing [1]."""
 _SPACING_TOLERANCE = 0.4
@@ -69,8 +69,7 @@ class RotorTracks:
     def predict(self, times: Array, pivots: Array, dot_deviation: float) -> Prediction:
         """Return the states predicted for times [s], (N,).
 
-        `pivots`, (N, 2), are the positions of the pivots [m], and `dot_deviation` is the standard
-        deviation of a dot [m].
+        `pivots` have shape (N, 2) [m], and `dot_deviation` is the standard deviation of a dot [m].
         """
 
         def deviations(lengths: Array, counts: Array, measured: float) -> Array:
@@ -129,9 +128,8 @@ class RotorTracks:
     def unwrap(self, times: Array, angles: Array) -> Array:
         """Return the angles [rad], (N,), plus the whole turns that the rotors have made.
 
-        If a rotor of a spinner was hidden for long, it is assumed to have made as many turns as
-        its neighbours, because a wall turns all rotors in the same sense. Flippers make no whole
-        turns.
+        A rotor of a spinner that was hidden for long is assumed to have made as many turns as its
+        neighbours. Flippers make no whole turns.
         """
         expected, deviations = self.predict_angles(times)
         known = np.isfinite(angles) & (deviations < _MAX_DEVIATION)
@@ -187,12 +185,7 @@ class Pivots:
         self._counts = np.zeros(0)
 
     def update(self, points: Array, colour_costs: Array) -> None:
-        """Add the dots of a picture, and update the positions of the pivots.
-
-        `points`, (2, K, 2), contains the positions of the K dots [m] twice, for the height of even
-        rotors and for the height of odd rotors. `colour_costs`, (K, C), contains the cost of each
-        of C colours for each dot.
-        """
+        """Update the pivots with the dots of a picture, given as for `assign_dots`."""
         black = colour_costs[:, 0] <= _MAX_BLACK_COST
         if self.known.any():
             self._average(points[:, black])

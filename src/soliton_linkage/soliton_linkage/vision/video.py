@@ -24,8 +24,7 @@ _GAP = 1.6
 _MEMORY = 31
 """Number of recent intervals from which the typical interval is computed."""
 _PERCENTILE = 75
-"""This percentile of the recent intervals is used as the typical interval [%]. It is high because
-the frame rates of phones vary."""
+"""This percentile of the recent intervals is used as the typical interval [%]."""
 _CUT = 3.0
 """A film counts as incomplete if the time that is missing at its end is longer than this times the
 longest interval between pictures [1]."""
@@ -164,10 +163,7 @@ def write_video(
 def _checked(
     path: Path, pictures: Iterator[TimedPicture], length: float, slack: float
 ) -> Iterator[TimedPicture]:
-    """Yield the pictures of a film; raise ValueError if the film is incomplete.
-
-    The `length` that the film states [s] may exceed the time of the last picture by up to `slack`.
-    """
+    """Yield the pictures of a film; raise ValueError if the film is incomplete."""
     last, interval = 0.0, 0.0
     for taken in pictures:
         last, interval = taken.time, max(interval, taken.time - last)
@@ -199,10 +195,7 @@ def _opened_camera(number: int) -> Any:
 
 
 def _start(path: Path, created: str, length: float) -> float:
-    """Return the time of the first picture since the epoch [s].
-
-    It is the stated creation time, or else the last change of the file minus the `length` [s].
-    """
+    """Return the creation time, or else the last change of the file minus the `length` [s]."""
     try:
         return datetime.datetime.fromisoformat(created.replace('Z', '+00:00')).timestamp()
     except ValueError:
