@@ -119,7 +119,7 @@ class EdgeCommand:
         return trapezoid(self.value, self.ramp_up, duration, self.ramp_down)
 
     def check(self, limits: EdgeLimits, actuator: Actuator) -> None:
-        """Raise ValueError for a value beyond the limits; `RotorDrive` limits waveform torques."""
+        """Raise ValueError for a value beyond its limit; torques of waveforms are not checked."""
         if self.kind is CommandKind.PRESSURE:
             actuator.check_command(self.value)
         elif self.kind is CommandKind.KICK:

@@ -13,8 +13,8 @@ from soliton_linkage.dynamics.work import TorqueLedger
 from soliton_linkage.linkage.chain import Array
 
 _DELIVERY_TIMEOUT = 10**9 // 2
-"""A kick is reported without totals from the simulator if these do not arrive within this time
-after it [ns], measured by the stamps of frames. Even slow simulators publish many frames in it."""
+"""If the totals from the simulator do not arrive within this time after a kick [ns], measured by
+the stamps of frames, the kick is reported without them."""
 
 
 @dataclass(frozen=True)

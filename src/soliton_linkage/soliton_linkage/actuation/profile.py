@@ -95,7 +95,6 @@ class Profile:
         return np.asarray(np.sum(means, axis=0))
 
     def _between(self, following: int, time: float) -> Array:
-        """Return the value at `time` [s], between the points `following` - 1 and `following`."""
         if following == 0:
             return np.zeros(self.values.shape[1:])
         if following == len(self.times):

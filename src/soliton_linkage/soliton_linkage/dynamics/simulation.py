@@ -300,7 +300,7 @@ class Simulation(ABC):
         )
 
     def _restart_with(self, before: float) -> None:
-        """Restart the solver after a change of forces; the increase from `before` [J] is work."""
+        """Restart after a change of forces; the energy minus `before` [J] counts as work."""
         self._restart()
         gained = self.energy - before
         self._work += gained
@@ -308,7 +308,6 @@ class Simulation(ABC):
         self._largest_energy = max(self._largest_energy, self.motion.external_scale)
 
     def _restart(self) -> None:
-        """Restart the solver at the current frame, because the state or the forces changed."""
         self._equation = None
         self._first_frame = self.frame
         self._steps = 0

@@ -280,7 +280,7 @@ class ComplianceCorrection:
         return here + beyond * (samples[(number + 1) % count] - here)
 
     def rate_after_impulse(self, rate: float, momentum: float) -> float:
-        """Return `rate_after_impulse` [rad/s] for the mean compliance."""
+        """Return the result of the function `rate_after_impulse` [rad/s] for the mean mu."""
         return rate_after_impulse(rate, momentum, self._mean)
 
     def contraction(self, rate: float) -> tuple[float, float]:

@@ -76,7 +76,7 @@ class WallTracker:
     ) -> None:
         """Start with the typical rate `scale` [rad/s] and the arc length per rotor spacing [rad].
 
-        `swing` is the arc length of a reflection at an edge, divided by `site_arc` [1].
+        `swing` is the arc length that a reflection at an edge takes, divided by `site_arc` [1].
         """
         self._line, self._scale, self._arc = line, scale, site_arc
         self._edge_way = swing + 2 * line.near

@@ -211,7 +211,7 @@ class TheoryWidth:
         self._at_rest = theory.width() if defined else math.nan
 
     def __call__(self, velocity: float) -> float:
-        """Return the width [m] at a velocity v [m/s], contracted by sqrt(1 - v^2 / c^2)."""
+        """Return the width [m] at a velocity [m/s]; NaN at the speed of sound and above."""
         if velocity == 0:
             return self._at_rest
         if not abs(velocity) < self._speed_of_sound:

@@ -71,8 +71,7 @@ def dispersion(chain: Chain, wave_numbers: ArrayLike, branch: int = 1) -> Array:
 
     omega(k) = sqrt(k_e / M) |q+ +- q- e^(i k a)| / r, where `branch` (+1 or -1) is the sign +-.
     The paper (section 1) omits 1/r. When k runs from -pi / a to pi / a, each of the two branches
-    alone covers the whole spectrum. To avoid cancellation, the code uses omega^2 = gap^2 + (2 c /
-    a)^2 sin(k a / 2)^2, or the cosine if the minimum is at pi / a.
+    alone covers the whole spectrum.
     """
     if branch not in (-1, 1):
         raise ValueError(f'branch = {branch!r} must be +1 or -1')
@@ -173,9 +172,9 @@ def wobble_exponents(chain: Chain) -> tuple[complex, complex]:
 
     The exponents are lambda_+- = 1 / ub +- sqrt(1 / ub^2 - 8 / a^2) with ub = r sin(theta_bar).
     They follow from the equation (a^2 / 8) du'' - (a^2 / (4 ub)) du' + du = 0 for the tail du(x).
-    The equation states that the bars keep their length, up to the second derivative of du. It
-    holds on the side of the wall that is nearer to rotor 0, where the tail increases with x. In
-    the paper (equation `wobblingode`), the middle term has the opposite sign.
+    The equation states that the bars keep their length, up to terms in the second derivative of
+    du. It holds on the side of the wall that is nearer to rotor 0, where the tail increases with
+    x. In the paper (equation `wobblingode`), the middle term has the opposite sign.
     """
     inverse = 1 / (chain.rotor_length * math.sin(chain.rest_angle))
     square = (inverse - math.sqrt(8) / chain.spacing) * (inverse + math.sqrt(8) / chain.spacing)

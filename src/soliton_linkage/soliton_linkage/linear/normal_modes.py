@@ -21,8 +21,8 @@ from soliton_linkage.linear.statics import unstretched
 from soliton_linkage.linkage.chain import Array, Chain
 
 _MOST_STRETCH = 1e-6
-"""A spring counts as relaxed if its extension is at most this fraction of its rest length [1].
-Then the relative error of the frequencies is at most equally large."""
+"""A spring counts as relaxed if its extension is at most this fraction of its rest length [1]. The
+relative errors of the frequencies are then at most as large as this."""
 
 
 @dataclass(frozen=True)

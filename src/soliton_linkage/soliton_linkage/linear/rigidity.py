@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 VANISHING = 1e-280
 """A product of lever and spring length is replaced by this [m^2/rad] if its absolute value is
-smaller, so that it can be a divisor. Rounding errors are far larger than this."""
+smaller, to avoid a division by 0."""
 _BLOCK = 500
 """Number of factors between 1/2 and 1 that are multiplied before the product is rescaled [1].
 Their product stays above 2^-1022, the smallest normal double."""
@@ -124,8 +124,7 @@ def mode_towards_last(chain: Chain, angles: Array) -> Array:
     left-leaning flipper with d < 1, such a motion increases all theta_n, and all levers A_n and
     B_n have the sign (-1)^(n+1). In the same chain upside down, all levers have the opposite sign.
     When an edge rotor swings past the mass of its neighbour, A_0 or B_{N-2} changes its sign, and
-    the result must change its sign relative to the result of `zero_mode`. Therefore the code
-    computes this relative sign from A_0 and B_{N-2}.
+    the result must change its sign relative to the result of `zero_mode`.
     """
     first, second = _levers_of_free_chain(chain, angles)
     mode = _zero_mode_of(first, second)

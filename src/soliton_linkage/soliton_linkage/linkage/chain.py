@@ -210,8 +210,8 @@ class Chain:
     def check_angles(self, angles: ArrayLike, what: str = 'angle') -> Array:
         """Return the angles as an array of shape (N,) after checking them.
 
-        Raises ValueError, which calls the values `what`, for a wrong shape and for infinite or NaN
-        values.
+        Raises ValueError for a wrong shape and for infinite or NaN values; `what` is the name of
+        the values in the message.
         """
         checked = np.asarray(angles, dtype=np.float64)
         check_shape(checked, self.number_of_rotors, what)
@@ -279,8 +279,8 @@ class Chain:
     def spring_parameters(self) -> Array:
         """Rows with r [m] of rotors, and with a [m], c [m^2] and lbar [m] of springs, (4, N).
 
-        The module docstring defines the symbols. With free ends there are N - 1 springs, so that
-        the last element of the rows of springs is 0.
+        With free ends there are N - 1 springs, so that the last element of the rows of springs is
+        0.
         """
         rows = np.zeros((4, self.number_of_rotors))
         rows[0] = self.rotor_lengths

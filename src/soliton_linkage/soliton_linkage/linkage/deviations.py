@@ -82,7 +82,7 @@ class Deviations:
                 )
 
     def joined(self, others: Deviations) -> Deviations:
-        """Return the deviations of both objects; ValueError if both deviate in one quantity."""
+        """Return the deviations of both objects; ValueError if a quantity deviates in both."""
         for name in _NAMES:
             if getattr(self, name) and getattr(others, name):
                 raise ValueError(
@@ -98,7 +98,7 @@ OF_SPRINGS = ('spacing', 'stiffness', 'rest_length', 'non_reciprocity')
 """Names of the quantities that have one value per spring; all others have one value per rotor."""
 NO_DEVIATIONS = Deviations()
 _LARGEST_SPREAD = 0.5
-"""Largest allowed relative standard deviation [1]. With it, one random parameter in forty is
+"""Largest allowed relative standard deviation [1]. At this limit, one random parameter in forty is
 negative."""
 
 

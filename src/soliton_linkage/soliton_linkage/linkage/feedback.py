@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from soliton_linkage.linkage.quantities import CheckedQuantities, document_fields, quantity
 
 _LARGEST_GAIN = 1e6
-"""Largest allowed size of a gain, in its unit. The limits of other torques are 1e6 as well."""
+"""Largest allowed absolute value of a gain, in its unit."""
 MOST_FRAMES_OF_DELAY = 1000
 """Largest allowed delay [frames], which is one second at 1000 frames per second."""
 

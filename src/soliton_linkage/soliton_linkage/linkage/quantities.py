@@ -10,11 +10,11 @@ from dataclasses import dataclass, field, fields
 from typing import Any, TypeVar
 
 LARGEST_SEED = 10**9
-"""Largest allowed random seed, for which the 64 bits of a node's integer parameter suffice."""
+"""Largest allowed random seed; every integer parameter of a node can contain it."""
 
 LARGEST_ANGLE = 1e9
-"""Largest allowed unwrapped angle [rad]. Double precision resolves 1e-7 rad at this angle, which
-is finer than the resolution of encoders."""
+"""Largest allowed unwrapped angle [rad]. Double precision resolves 1e-7 rad at this angle, and the
+resolution of encoders is coarser."""
 
 Described = TypeVar('Described')
 

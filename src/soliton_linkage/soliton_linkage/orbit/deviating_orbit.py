@@ -29,9 +29,9 @@ _SAMPLES_A_SITE = 4
 """A leg is sampled at this number of points per rotor [1] to bracket the arc lengths at which a
 bond has half of |t|^2 on its left."""
 _SAME_MODE = 1 - 1e-6
-"""The orbit is rejected if the scalar product of two unit vectors, the tangent of a piece (only
-rotors near the wall) and the zero mode of the whole chain, is not above this [1]. In this case, a
-rotor far from the wall also moves."""
+"""The orbit is rejected if the scalar product of the tangent of a piece, which includes only
+rotors near the wall, and the zero mode of the whole chain is not above this [1], because a rotor
+far from the wall then also moves."""
 
 
 def orbit_of(chain: Chain) -> Orbit:
@@ -141,13 +141,7 @@ class DeviatingOrbit(Orbit):
                 raise blocked_wall_error(self.chain, piece.seed)
 
     def _relaxed(self, leg: int) -> tuple[Array, Array]:
-        """Return the `background` of a leg.
-
-        The rotors on the left of the wall have the angles that they have when the wall is at the
-        last rotor, and those on its right the angles with the wall at the first rotor. Of the
-        configurations with the wall at an edge rotor, the one is used in which the angle of this
-        rotor is nearest to its angle in the uniform chain.
-        """
+        """Return the `background` of a leg."""
         last = self.chain.number_of_rotors - 1
         left, right = self._uniform.background(self._uniform.leg_arcs(leg)[0])
         begin, end = self.leg_arcs(leg)
@@ -171,8 +165,7 @@ class DeviatingOrbit(Orbit):
     def _nearest(self, rotor: int, angle: float, turning: float) -> float:
         """Return the arc length [rad] at which an edge rotor is nearest to `angle` [rad].
 
-        The wall is reflected at this rotor at the arc length `turning` [rad]. Only the adjoining
-        pieces in which this rotor is the seed are searched.
+        The wall is reflected at this rotor at the arc length `turning` [rad].
         """
         pieces, count = self._pieces, len(self._pieces)
         number = bisect_right(self._ends, (turning + self._origin) % self._ends[-1]) % count

@@ -51,8 +51,8 @@ penetration depth, whichever is larger [1]. The errors of sites are then 1e-6.""
 _STEP = 1e-5
 """Step of the site in the numerical derivative of the angles of a wall [rotor spacings]."""
 _SHORT = 0.3
-"""The last two solver steps are merged if the last one is shorter than this share of the step
-before it [1]."""
+"""The last two solver steps of a piece of the orbit are merged if the last one is shorter than
+this share of the step before it [1]."""
 _EXACT = 1e-12
 """The Newton search for the arc length at a site ends when a step is smaller than this [rad]."""
 _STEPS = 20
@@ -227,8 +227,8 @@ class _ShortOrbit:
         """Return the unit zero mode in the direction of the orbit [1], shape (N,).
 
         Up to a factor, the component t_n is the product (-1)^n prod_{j < n} A_j prod_{j >= n} B_j
-        of levers A and B. This is faster than `zero_mode`. The levers are divided by the larger
-        one of the `couplings`, so that the products rarely overflow.
+        of levers A and B. The levers are divided by the larger one of the `couplings`, so that the
+        products rarely overflow.
         """
         first, second = rigidity_bands(self._chain, angles)
         mode = self._signs.copy()

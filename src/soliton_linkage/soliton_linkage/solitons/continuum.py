@@ -65,7 +65,7 @@ class WallTheory(ABC):
 
     @property
     def arc_per_site(self) -> float:
-        """Norm of all mass displacements per wall displacement, Lambda = sqrt(M_eff / M) [1]."""
+        """Lambda = sqrt(M_eff / M), the norm of mass displacements per wall displacement [1]."""
         return math.sqrt(self.effective_mass / self.chain.mass)
 
     def lorentz_factor(self, velocity: float) -> float:
@@ -131,7 +131,7 @@ class WallTheory(ABC):
         return (gamma * self._ratio(velocity)) ** 2 / (gamma + 1)
 
     def _misfit(self, velocity: float, charge: int) -> float:
-        """Return Q gamma - 1 [1]; Q gamma is the ratio of its slope to that at rest."""
+        """Return Q gamma - 1 [1]; Q gamma is the slope of a wall relative to a kink at rest."""
         excess = self._excess(velocity)
         return excess if _checked_sign('charge', charge) > 0 else -2 - excess
 

@@ -27,8 +27,7 @@ _DEPTHS_BESIDE = 19
 """Rotors are computed up to this distance from a wall [penetration depths]. Farther away, the
 squared zero mode is below the rounding errors."""
 _MOST_BESIDE = 49_000
-"""If a wall needs more rotors than this on each side [1], the chain is rejected. The limit follows
-from the largest number of rotors of a `Chain`."""
+"""If a wall needs more rotors than this on each side [1], the chain is rejected."""
 _MOST_STEPS = 100_000
 """Largest number of solver steps along an orbit [1]. A chain whose lean ratio d is near d_c needs
 one or two thousand steps."""

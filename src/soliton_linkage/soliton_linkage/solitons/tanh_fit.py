@@ -80,9 +80,8 @@ def polarisation(chain: Chain, angles: Array) -> Array:
 def order_field(chain: Chain, angles: Array) -> tuple[Array, Array]:
     """Return the order field m [1] and its derivative dm/dphi [1/rad], each of shape (N,).
 
-    For flippers, m = sin(theta) / sin(theta_bar). For spinners, m = cos(theta - theta_bar). If the
-    rest angle of a spinner has the opposite sign, -theta_bar, because of its assembly,
-    m = -cos(theta + theta_bar).
+    For flippers, m = sin(theta) / sin(theta_bar). For spinners, m = cos(theta - theta_bar). A
+    spinner can also be assembled with the rest angle -theta_bar; then m = -cos(theta + theta_bar).
     """
     theta = staggered(angles)
     turn = np.where(np.arange(theta.shape[-1]) % 2, -1.0, 1.0)
