@@ -105,7 +105,7 @@ class EquationOfMotion:
 
     @cached_property
     def decay_rates(self) -> Array:
-        """Decay rate c / (M r^2) due to linear damping c [1/s], 0 for fixed rotors, shape (N,)."""
+        """Decay rate c / (M r^2) of each rotor's rate by damping c [1/s], (N,); 0 if fixed."""
         return np.asarray(self.chain.dampings / self.inertias)
 
     @cached_property

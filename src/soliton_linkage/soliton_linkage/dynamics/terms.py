@@ -314,9 +314,9 @@ def _inverse_root_estimate(w: float) -> float:
 def tension(w: float) -> float:
     """Return 1 - 1 / sqrt(w): the force of a spring divided by k l, for l = lbar sqrt(w).
 
-    With an estimate y of 1 / sqrt(w) and d = 1 - w y^2, the series y (1 + d / 2 + 3 d^2 / 8) is
-    exact in double precision. A division and a square root would double the computing time of a
-    spring.
+    With an estimate y of 1 / sqrt(w) and d = 1 - w y^2, the series y (1 + d / 2 + 3 d^2 / 8)
+    equals 1 / sqrt(w) in double precision. A division and a square root would double the computing
+    time of a spring.
     """
     y = _inverse_root_estimate(w)
     d = 1 - w * y * y

@@ -127,7 +127,7 @@ class EncoderOffsets:
         return error if abs(error) > self.settings.significance * chance else 0.0
 
     def retest(self, rotors: Flags, errors: Array) -> None:
-        """Reduce the weight of the earlier residuals of the flagged rotors, most for large errors.
+        """Reduce the weight of earlier residuals of flagged rotors, more for a larger error.
 
         `errors` [rad], shape (N,), are the latest residuals minus the predicted ones.
         """

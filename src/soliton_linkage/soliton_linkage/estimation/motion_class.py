@@ -46,7 +46,7 @@ _LEAST_NOISE = 1e-6
 """Lower limit of the noise of a frame [rad]."""
 _LEANING = 3.0
 """A frame shows a wall only if sin(theta_left) and sin(theta_right) have opposite signs and
-absolute values above this number of standard deviations [1]."""
+absolute values above this number of their standard deviations [1]."""
 _FLAT, _FLAT_IN_NOISE, _NOISIEST = 0.02, 2.0, 0.15
 """A tail consists of rotors on one side of a wall whose deviations from the rest angle decrease
 outwards. It ends where the deviation is at most `_FLAT` rest angles or `_FLAT_IN_NOISE` standard
@@ -61,8 +61,8 @@ _LEAST_LEVER = 1e-9
 """A lever of 0 (spring and outer rotor in line) is replaced by this [1], to avoid a division by
 0."""
 _LEAST_WEIGHT = 1e-300
-"""Weight of the rest angle of a frame without tails [1], so that the mean over all frames is
-defined even if no frame has tails."""
+"""Weight of a frame without tails in the mean rest angle of all frames [1]; it is not 0, so that
+the mean is defined even if no frame has tails."""
 _NO_EVIDENCE = (math.nan, 0.0, math.nan)
 """Site, log likelihood ratio and rest angle of a frame without information."""
 

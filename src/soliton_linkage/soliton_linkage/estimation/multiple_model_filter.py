@@ -12,7 +12,7 @@ dt, the state changes by
 with a = exp(-|w| dt / (Lambda / 2) - dt / tau) and q = e^2 (|w|^3 / Lambda + Q). Lambda is the arc
 length per rotor spacing, e the random relative change of the rate per rotor spacing, and m the
 standard deviation of the bias. Q is the process noise due to waves, which also move a wall at
-rest. The variance m^2 includes a ripple of the rate that is periodic in the rotor spacing.
+rest. The variance m^2 also accounts for a ripple of the rate that is periodic in the site.
 
 Filters with different e and m are weighted by the likelihood of recent measurements. The steady
 filter has e = m = 0 and uses the whole record. If the measurements contradict the steady filter,

@@ -27,7 +27,7 @@ for a wall inside the chain [1]."""
 LARGEST_EXCESS = 3.0
 """Upper limit of `FrameNoise.excess`, divided by the mean square of recent residuals [1]."""
 _FIELD_RATIO = 3.0
-"""Largest squared residual that waves cause near a wall, divided by the mean one (assumed) [1]."""
+"""Assumed largest squared residual that waves cause near a wall, divided by their mean [1]."""
 
 
 def median(values: Array) -> float:
@@ -41,7 +41,7 @@ def median(values: Array) -> float:
 
 
 def robust_deviation(sizes: Array) -> float:
-    """Return the standard deviation of errors from their absolute values; reorder the array."""
+    """Return the standard deviation of errors from their absolute values; reorder `sizes`."""
     return DEVIATION_PER_MEDIAN * median(sizes) if len(sizes) else 0.0
 
 

@@ -41,7 +41,8 @@ from soliton_linkage.linkage.deviations import NO_DEVIATIONS
 from soliton_linkage.orbit.orbit import Orbit
 
 _EDGE_ROTORS = 2.0
-"""A wall is at an edge if it is nearer than this plus the penetration depth [rotor spacings]."""
+"""A wall is at an edge if its distance from it is below this plus the penetration depth [rotor
+spacings]."""
 _FIELD_SHARE = 0.08
 """Assumed standard deviation of the arc length due to persistent residuals near the wall, divided
 by their rms [1]. Sensitivity: at 0, errors near waves exceed stated deviations by 2 %."""
@@ -342,9 +343,9 @@ class OrbitFilter:
         """Return the acceleration sum(tau t) / sum(I t^2) along the orbit [rad/s^2].
 
         tau are all torques except the spring torques, t is the tangent, and I are the moments of
-        inertia. A moving wall is contracted: the rates of its rotors, and the differences between
-        neighbouring angles, are larger than in the orbit. The work of a potential per rotor
-        spacing does not depend on the contraction.
+        inertia. The motion contracts a wall, which increases the rates of its rotors and the
+        torques of motors by the first result of `ComplianceCorrection.contraction`. A potential
+        does the same work per rotor spacing as without the contraction.
         """
         chain, (passive, active) = self.orbit.chain, self._forces
         if not (len(passive.kinds) or len(active.kinds) or chain.feedback.acts):

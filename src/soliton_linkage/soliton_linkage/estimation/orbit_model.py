@@ -176,7 +176,7 @@ this [1]."""
 
 
 class UnseenRotorCorrection:
-    """Correction of the arc length for unseen rotors, whose angles follow from the springs."""
+    """Correction of the arc length for unseen rotors, whose angles the springs determine."""
 
     def __init__(self, orbit: Orbit) -> None:
         self._orbit = orbit
@@ -230,8 +230,8 @@ _PERIOD = 2
 _SLOW = 0.25
 """A wall is slow if it passes at most this many rotors per period of the slowest phonon [1]."""
 _SECOND_ORDER = 0.5
-"""For the fastest slow wall, `rate_ratio` predicts the rate change with a relative error of the
-square of this (measured) [1]."""
+"""Square root of the measured relative error with which `rate_ratio` predicts the rate change of
+the fastest slow wall [1]."""
 _LONGEST_RESOLVED = 4 / 3
 """The spring forces on a wall average out if the wall is faster than this multiple of the speed of
 the fastest slow wall [1]."""

@@ -289,7 +289,7 @@ class StateReporter:
     def _hidden(
         self, state: FrameState, errors: FrameErrors, unseen: Flags
     ) -> tuple[float, float]:
-        """Return by how much unseen rotors may change the elastic and the kinetic energy [J]."""
+        """Return standard deviations of elastic and kinetic energy due to unseen rotors [J]."""
         half = self._springs[0]
         stiffness = self.chain.gathered(half * state.first**2, half * state.second**2)
         elastic = float(stiffness[unseen].sum()) * (errors.noise**2 + errors.persistent**2)

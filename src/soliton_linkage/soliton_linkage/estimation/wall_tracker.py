@@ -24,7 +24,7 @@ from soliton_linkage.estimation.wall_track import (
 _LONGEST_DELAY = 2.0
 """Longest delay of the report of a birth or a reflection at an edge [s]."""
 _FORBIDDEN = 1e9
-"""Cost of a forbidden assignment [1], larger than the square of any gate."""
+"""Cost of a forbidden assignment [1], larger than the cost of any allowed one."""
 
 
 class PredictedWall(NamedTuple):

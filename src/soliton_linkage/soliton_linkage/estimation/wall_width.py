@@ -34,8 +34,8 @@ _COARSEST = math.log(1.5)
 _LEAST_DEVIATION = 3e-4
 """Assumed error of ln(gamma) because the profile of a moving wall is not exact [1]."""
 _PASSAGES, _FEWEST_PASSAGES = 30, 4
-"""The scatter is estimated from the last `_PASSAGES` passages if there are at least
-`_FEWEST_PASSAGES` [1]. In a passage, the wall moves by one rotor spacing."""
+"""The scatter between passages is estimated from the last `_PASSAGES` passages if there are at
+least `_FEWEST_PASSAGES` [1]. In a passage, the wall moves by one rotor spacing."""
 _SIGNIFICANCE = 2.5
 """The scatter between passages counts as 0 unless chi-squared exceeds its mean for pure noise by
 this number of standard deviations [1]."""
@@ -178,7 +178,7 @@ class ContractionMean:
 def passage_scatter(values: Array, variances: Array) -> float:
     """Return the variance of ln(gamma) between passages without noise; 0 if insignificant.
 
-    `values` are the means of ln(gamma) in the passages, `variances` their variances by noise.
+    `values` are the means of ln(gamma) in the passages, `variances` their variances due to noise.
     """
     apart, freedoms = values - np.average(values, weights=1 / variances), len(values) - 1
     by_chance = freedoms + _SIGNIFICANCE * math.sqrt(2 * freedoms)

@@ -56,8 +56,8 @@ def beside_wall(
 ) -> None:
     """Set `leans` [rad], (2, n): deviations of rotors beside a wall from their uniform states.
 
-    Row 0 is for the wall at rest, and row 1 for the measured angles. The rotors before `middle`
-    come first. On both sides, the order is from the wall outwards.
+    Row 0 is for the wall at rest, and row 1 for the measured angles. The columns for the rotors
+    before `middle` come first. On both sides, the order is from the wall outwards.
     """
     expected, measured = leans[0], leans[1]
     high = low + expected.size

@@ -4,7 +4,8 @@
 Let R be the rigidity matrix, I and k_e the diagonal matrices of the moments of inertia and the
 stiffnesses, and B = k_e^(1/2) R I^(-1/2). The modes are the right singular vectors of B, and the
 angular frequencies are its singular values. The rounding errors of the frequencies are about 1e-16
-of the largest frequency; from the eigenvalues of B^T B, they would be 1e-8 of it.
+of the largest frequency. If the frequencies were computed from the eigenvalues of B^T B, the
+errors would be 1e-8 of the largest frequency.
 """
 
 from __future__ import annotations

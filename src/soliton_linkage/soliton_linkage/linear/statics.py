@@ -19,7 +19,7 @@ _LONGEST_STEP = 0.5
 """Largest change of an angle in a Newton step [rad]; longer steps could end far from the start."""
 _ROUNDING = 1e-12
 """Newton's method has converged to an equilibrium when no torque is larger than this fraction of
-k_e lbar r [1], which is the size of the rounding errors."""
+k_e lbar r [1], because rounding errors have this size."""
 
 
 def length_rounding(chain: Chain) -> float:

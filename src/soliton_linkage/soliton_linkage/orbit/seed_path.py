@@ -144,9 +144,10 @@ class _Seed:
     def lead(self, towards: int, angle: float) -> tuple[float, int]:
         """Return the largest lead of the rotors on one side, and the rotor that has this lead.
 
-        The lead of rotor n is log |t_n / t_seed|, where t is the zero mode at which the seed has
-        the angle `angle` [rad]. `towards` is -1 for the rotors on the left of the seed and +1 for
-        those on its right. The largest lead is -inf if no rotor is on this side.
+        The lead of rotor n is log |t_n / t_seed|, where t is the zero mode of the configuration in
+        which the seed has the angle `angle` [rad]. `towards` is -1 for the rotors on the left of
+        the seed and +1 for those on its right. The largest lead is -inf if no rotor is on this
+        side.
         """
         rotor, lead = self.rotor, 0.0
         best = -math.inf, rotor

@@ -30,17 +30,17 @@ _CONVERGED = 1e-7
 _LONGEST = 0.3
 """A Newton step is scaled down so that no angle changes by more than this [rad]."""
 _BUCKLING = 1e-6
-"""An eigenvalue counts as negative if it is below 0 by more than this fraction of the largest
-diagonal element of the matrix [1]. Rounding errors are smaller."""
+"""An eigenvalue counts as negative in `_is_stable` if it is below 0 by more than this fraction of
+the largest diagonal element of H [1]. Rounding errors are smaller."""
 
 
 @lru_cache(maxsize=8)
 def anti_kink_path(chain: Chain, begin: float) -> tuple[Array, Array]:
     """Return K sites of an anti-kink [rotor spacings] and the angles at each site [rad], (K, N).
 
-    The sites increase by two rotor spacings from `begin` on, in proportion to the arc length of
-    the path. Then the path repeats, shifted by two rotors. The anti-kink must be far from the
-    edges. Raises ArithmeticError if the anti-kink is pinned.
+    The sites increase from `begin` to `begin` + 2 in proportion to the arc length of the path.
+    Then the path repeats, shifted by two rotors. The anti-kink must be far from the edges. Raises
+    ArithmeticError if the anti-kink is pinned.
     """
     angles, multiplier = continuum_anti_kink(chain, begin), 0.0
     found = []

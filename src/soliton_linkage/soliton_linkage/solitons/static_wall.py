@@ -38,7 +38,8 @@ _TOLERANCE = 1e-13
 """Allowed relative [1] and absolute [rad] error of a solver step. The errors of arc lengths are
 then 1e-11 rad."""
 _ARRIVED = 1e-4
-"""An orbit has reached its goal when all angles are within twice this of the goal [rad]."""
+"""`follow_zero_mode` has reached its goal when no angle differs from it by more than twice this
+[rad]."""
 
 
 def static_wall(chain: Chain, site: float, leg: int = 0, inverted: bool = False) -> Array:
