@@ -39,9 +39,9 @@ class ElasticSettings(SimulationSettings):
     the error is 13 times as large and the steps are 1.4 times as long."""
     rotors_per_step: int = 400
     """Largest number of method steps in one solver step of `SymplecticNystrom`, multiplied by the
-    number of rotors [1]. Between solver steps, which take 0.05 to 0.07 ms, the node runs other
-    callbacks. Sensitivity for a chain of 40 rotors: at 0.5x, the computation of a frame takes 20
-    to 60 % longer; at 2x, it takes 10 to 30 % less, but one solver step takes 0.12 ms."""
+    number of rotors [1]. A solver step takes 0.05 to 0.07 ms; between solver steps, the node runs
+    other callbacks. Sensitivity for a chain of 40 rotors: at 0.5x, the computation of a frame
+    takes 20 to 60 % longer; at 2x, it takes 10 to 30 % less, but one solver step takes 0.12 ms."""
 
 
 DEFAULTS = ElasticSettings()

@@ -182,11 +182,11 @@ class Analyser:
         """Analyse a frame that was measured at a time `stamp` [ns]; return None if it is late.
 
         A frame is late if its stamp is not after the stamp of the last analysed frame. But if its
-        stamp is earlier by more than `clock_limit` [s], the analyser restarts with this frame.
-        `angles` [rad], wrapped or unwrapped, and `rates` [rad/s] have shape (N,); unknown values
-        are NaN or infinite. `deviations` are the standard deviations of the angles [rad], shape
-        (N,), NaN if unknown; fits of wall shapes ignore them. Raises ValueError if an array has
-        another shape, or if a standard deviation is infinite or not above 0.
+        stamp is more than `clock_limit` [s] before the last one, the analyser restarts with this
+        frame. `angles` [rad], wrapped or unwrapped, and `rates` [rad/s] have shape (N,); unknown
+        values are NaN or infinite. `deviations` are the standard deviations of the angles [rad],
+        shape (N,), NaN if unknown; fits of wall shapes ignore them. Raises ValueError if an array
+        has another shape, or if a standard deviation is infinite or not above 0.
         """
         rotors = self.chain.number_of_rotors
         angles = np.ascontiguousarray(angles, dtype=np.float64)

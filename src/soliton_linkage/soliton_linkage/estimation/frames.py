@@ -167,8 +167,7 @@ class CompletedFrame(NamedTuple):
     """Angles and rates of all rotors of a frame; estimates replace missing values."""
 
     angles: Array
-    """Angles without encoder offsets [rad], (N,); all NaN if none is known and the chain is
-    lost."""
+    """Angles minus encoder offsets [rad], (N,); all NaN if none is known and the chain is lost."""
     rates: Array | None
     """Rates of the rotors [rad/s], shape (N,); None if the rates are unknown."""
     filled: Flags

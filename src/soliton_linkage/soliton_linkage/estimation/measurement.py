@@ -224,7 +224,7 @@ class ReadingScales:
         self._squares: Array | None = None
 
     def set_deviations(self, deviations: Array | None) -> None:
-        """Set the standard deviations of readings [rad], (N,); NaN or None is the typical one."""
+        """Set the standard deviations of readings [rad], (N,); NaN and None mean: typical."""
         self._squares = None
         if deviations is None:
             return

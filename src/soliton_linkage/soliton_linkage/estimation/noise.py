@@ -120,7 +120,7 @@ class FrameNoise:
         self._estimate()
 
     def discard_persistence(self) -> None:
-        """Discard the persistent residuals, after a change of the corrected encoder offsets."""
+        """Discard the persistent residuals; required when corrections of encoder offsets change."""
         self._earlier = ()
         self._squares = self.variance * self._freedoms
         self._products = self._wall = self._weights = self._squared_weights = 0.0

@@ -207,7 +207,7 @@ class UnseenRotorCorrection:
         return -float(held @ turning + pull[~unseen] @ residuals[~unseen])
 
     def _balanced(self, arc: float, unseen: Flags, tangent: Array) -> tuple[Array, Array]:
-        """Return V and K V (stiffness matrix K); V is 0 for seen, K V is t for unseen rotors."""
+        """Return V and K V (stiffness matrix K): V is 0 if seen, K V is `tangent` if unseen."""
         chain = self._orbit.chain
         first, second = rigidity_bands(chain, self._orbit.configuration(arc))
         rotors = np.flatnonzero(unseen)

@@ -123,7 +123,8 @@ class Relocaliser:
     ) -> None:
         """Sample the whole orbit if its samples have fewer angles than `most_angles` in total.
 
-        For a longer orbit, each search samples only the plausible section of the orbit.
+        For a longer orbit, each search samples only sites at which the frame may have a border
+        between two uniform states.
         """
         self._orbit, self._given = orbit, likelihood
         chain = orbit.chain

@@ -35,7 +35,7 @@ class Edge(enum.Enum):
     LAST = 'last'
 
     def resolved(self, chain: Chain, angles: Array) -> Edge:
-        """Return this edge, or for NEAREST the edge nearer to the zero mode at `angles` [rad]."""
+        """Return this edge; for NEAREST, the one nearer to the mode's centre at `angles` [rad]."""
         return self if self is not Edge.NEAREST else _nearest(zero_mode(chain, angles))
 
 

@@ -42,7 +42,7 @@ class Motion(enum.Enum):
 
 
 def _deviating(parameter: str, meaning: str) -> cached_property[Array]:
-    """Return a property of `Chain`: a parameter of each rotor or spring, with its deviation."""
+    """Return a property of `Chain`: the value of a parameter for each rotor or spring."""
 
     def values(chain: Chain) -> Array:
         return np.asarray(getattr(chain, parameter) * chain._factors(parameter))

@@ -159,7 +159,7 @@ class _HalfLegs(NamedTuple):
     """Derivative of the angles with respect to the arc length [1], shape (K, N)."""
 
     def mirrored(self, chain: Chain) -> _HalfLegs:
-        """Return the mirror image, n -> N - 1 - n and phi -> -phi, in the order of the orbit.
+        """Return the mirror image, n -> N - 1 - n and phi -> -phi, in the order along the orbit.
 
         The mirror image of a spinner with odd N or a flipper with even N is assembled upside down.
         It is therefore also turned over, phi -> pi - phi.

@@ -50,15 +50,15 @@ def static_wall(chain: Chain, site: float, leg: int = 0, inverted: bool = False)
     proportional to the arc length of the zero-energy orbit. A finite chain has the same angles as
     an infinite one, except that an edge rotor may be at the other one of its two rest angles.
 
-    In flippers with d <= 1, no edge rotor is at its other rest angle in `leg` 0 of the `Orbit`,
-    the last one in leg 1, both in leg 2, and the first one in leg 3. In wobbling flippers, it is
-    the first one in leg 0, both in leg 1, the last one in leg 2, and none in leg 3. In a spinner,
-    a wall turns the rotors over in one direction in leg 0, and in the opposite direction in leg 1.
-    If `inverted` is true, the chain is assembled upside down, with pi - phi in place of phi. In a
-    chain with deviations, the rotor nearest to the wall has the same angle as without deviations,
-    and the other angles follow from the lengths of the bars. Raises ValueError for a chain of two
-    rotors or with periodic ends, a site outside the range 0 to N - 1, an unknown leg, bars of
-    impossible length, and the errors of `site_arc`.
+    In flippers with d <= 1, this is the case for no edge rotor in `leg` 0 of the `Orbit`, for the
+    last one in leg 1, for both in leg 2, and for the first one in leg 3. In wobbling flippers, it
+    is the case for the first one in leg 0, for both in leg 1, for the last one in leg 2, and for
+    none in leg 3. In a spinner, a wall turns the rotors over in one direction in leg 0, and in the
+    opposite direction in leg 1. If `inverted` is true, the chain is assembled upside down, with pi
+    - phi in place of phi. In a chain with deviations, the rotor nearest to the wall has the same
+    angle as without deviations, and the other angles follow from the lengths of the bars. Raises
+    ValueError for a chain of two rotors or with periodic ends, a site outside the range 0 to N -
+    1, an unknown leg, bars of impossible length, and the errors of `site_arc`.
 
         >>> import soliton_linkage as sl
         >>> chain = sl.Chain(number_of_rotors=20)

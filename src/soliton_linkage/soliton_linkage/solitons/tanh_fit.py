@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Solitons in one frame of angles: their positions, velocities, widths and charges.
 
-The zero mode grows across each bond in one direction, which is the polarisation of the bond. A
-wall is detected where the polarisation changes its sign. The order field m_n of rotor n is +1
-where the chain leans right and -1 where it leans left. The position X of a wall of charge Q
-follows from a fit of the function m_n = -Q tanh((n - X) / w) to the order field, where w is the
-width of a slow wall. The bias of X is below 0.002 rotor spacings for lean ratios d < 0.9 or
-d > 2.5 d_c, and below 0.1 for d < 2 or d > 1.4 d_c. For other chains, the bias is up to 2 rotor
-spacings, because the order field is not a tanh.
+The polarisation of a bond is the direction in which the zero mode grows across the bond. A wall is
+detected where the polarisation changes its sign. The order field m_n of rotor n is +1 where the
+chain leans right and -1 where it leans left. The position X of a wall of charge Q follows from a
+fit of the function m_n = -Q tanh((n - X) / w) to the order field, where w is the width of a slow
+wall. The bias of X is below 0.002 rotor spacings for lean ratios d < 0.9 or d > 2.5 d_c, and below
+0.1 for d < 2 or d > 1.4 d_c. For other chains, the bias is up to 2 rotor spacings, because the
+order field is not a tanh.
 """
 
 from __future__ import annotations

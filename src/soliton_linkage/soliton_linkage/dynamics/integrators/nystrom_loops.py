@@ -156,7 +156,7 @@ def decay(work: Array, forces: Forces, decays: Array, stage: int) -> float:
 def damp(work: Array, rotors: int, forces: Forces, time: float) -> float:
     """Apply damping of any kind in a drift by a Runge-Kutta step; see `decay`.
 
-    `time` is the duration of the drift [s]. The results are the same quantities as in `decay`.
+    `time` is the duration of the drift [s].
     """
     size = forces.half_inertias.size
     for n in range(size):

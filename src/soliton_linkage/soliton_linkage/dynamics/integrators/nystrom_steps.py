@@ -48,8 +48,9 @@ from soliton_linkage.linkage.chain import Array
 ORDER = 6
 """Order of the method: the error of a step of length h is proportional to h^7."""
 STABLE_STEP = 3.14
-"""Longest stable step, multiplied by the angular frequency of the fastest vibration [1]. Slightly
-above pi, vibrations grow by less than 0.1 % per step; above 6.15, without limit."""
+"""Longest stable step, multiplied by the angular frequency of the fastest vibration [1]. If this
+product is slightly above pi, vibrations grow by less than 0.1 % per step; above 6.15, they grow
+without limit."""
 
 _HALF_OF_DRIFTS = (
     0.0378593198406116,
@@ -122,8 +123,9 @@ _NONE: Numbers = np.empty(0, dtype=np.int64)
 def steps_to_measure(taken: int, count: int, every: int) -> Numbers:
     """Return the indices of the steps, among the next `count`, whose error is measured.
 
-    They are the steps 1, 4 and 16 after a change of the step length, and every `every`-th step
-    after it. `taken` steps have been taken since the change, and the next one has the index 1.
+    Counted from the last change of the step length, they are the steps 1, 4 and 16 and all
+    multiples of `every`. Since this change, `taken` steps have been taken; the next one has the
+    index 1.
     """
     regular = np.arange(every - taken % every, count + 1, every)
     early = [step for step in (1, 4, 16) if taken < step <= taken + count]
@@ -159,8 +161,8 @@ class NystromSteps:
     ) -> tuple[Array, float]:
         """Take up to `count` steps of `length` [s]; return all states and the largest error.
 
-        The error of a step is defined in `Checks`, from the difference between the step and two
-        half steps. The states have the shape (steps taken + 1, len(state)). They end before a step
+        `Checks` defines the error of a step, the scaled difference between the step and two half
+        steps. The states have the shape (steps taken + 1, len(state)). They end before a step
         whose error exceeds 1, or in which a drift rotates a rotor by more than LARGEST_TURN.
         """
         rotors = self._motion.rotors
