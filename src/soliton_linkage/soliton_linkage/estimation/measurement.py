@@ -224,7 +224,7 @@ class ReadingScales:
         self._squares: Array | None = None
 
     def set_deviations(self, deviations: Array | None) -> None:
-        """Set the standard deviations of readings [rad], (N,); NaN and None mean: typical."""
+        """Set the standard deviations of readings [rad], (N,); NaN or None for the typical one."""
         self._squares = None
         if deviations is None:
             return

@@ -120,7 +120,7 @@ class FrameNoise:
         self._estimate()
 
     def discard_persistence(self) -> None:
-        """Discard the persistent residuals; required when corrections of encoder offsets change."""
+        """Discard the persistent residuals, because the encoder corrections have changed."""
         self._earlier = ()
         self._squares = self.variance * self._freedoms
         self._products = self._wall = self._weights = self._squared_weights = 0.0
