@@ -76,7 +76,7 @@ def declare_chain(node: Node) -> NamedChain:
 
 
 def chain_of(read: Callable[[Any], Any]) -> NamedChain:
-    """Return the chain that parameters describe; `read` returns a parameter class with values."""
+    """Return the described chain; `read` creates an instance of a class from the parameters."""
     chain: Chain = read(Chain)
     given: Deviations = read(Deviations)
     disorder: Disorder = read(Disorder)

@@ -216,7 +216,7 @@ def torques_from_msg(rotors: Mapping[str, int], message: JointState, largest: fl
 
 
 def check_names(source: str, names: Sequence[str]) -> None:
-    """Raise ValueError if a name occurs twice; `source` names them in the error."""
+    """Raise ValueError if a name occurs twice in `names`, which the error calls `source`."""
     if len(set(names)) != len(names):
         twice = next(name for name in names if list(names).count(name) > 1)
         raise ValueError(f'{source} has {twice!r} twice; name each joint once')
@@ -264,7 +264,7 @@ def _by_rotor(
 
 
 def check_length(source: str, names: Sequence[str], values: Sequence[float] | Array) -> None:
-    """Raise ValueError unless each name has a value; `source` names them in the error."""
+    """Raise ValueError unless each name has one of the values, which the error calls `source`."""
     if len(values) != len(names):
         raise ValueError(
             f'{source} has {len(values)} values for {len(names)} names; give one for each name'

@@ -32,7 +32,7 @@ _WIDTH = 96
 _ROS_OPTIONS = ('--params-file', '-p', '--param', '-r', '--remap', '--log-level')
 _EXAMPLES = ('-p NAME:=VALUE', '--params-file FILE', '-r NAME:=OTHER_NAME')
 _PATHS = ('bag', 'output')
-"""If an argument is only a path, the error proposes the node's first parameter among these."""
+"""For an argument without an option, the error proposes the first of these that the node has."""
 
 
 def check_arguments(node: NodeClass, arguments: Sequence[str]) -> None:

@@ -42,7 +42,7 @@ ACKNOWLEDGEMENT_LIMIT = 0.5
 _POLL_INTERVAL = 0.02
 """Poll interval while waiting for subscribers [s]."""
 _DISCOVERY_TIME = 1.0
-"""The discovery is complete when the number of subscribers was constant for this time [s]."""
+"""Discovery counts as complete after the number of subscribers was constant for this [s]."""
 
 
 def reliable_qos(depth: int) -> QoSProfile:
