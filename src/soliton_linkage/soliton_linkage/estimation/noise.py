@@ -156,8 +156,8 @@ class FrameNoise:
     def _noise_bound(self, square: float, squared_weights: float, largest: float) -> float:
         """Return Bernstein's bound [rad^2] of a weighted sum of products of `products_in_time`.
 
-        It holds if all residuals are noise with the variance `square` [rad^2], so that a product
-        has the variance 17 / 9 square^2.
+        The bound holds if all residuals are noise with the variance `square` [rad^2]; a product
+        then has the variance 17 / 9 square^2.
         """
         significance = self._settings.significance
         deviation = significance * math.sqrt(17 / 9 * squared_weights)

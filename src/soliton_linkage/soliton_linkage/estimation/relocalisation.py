@@ -197,11 +197,7 @@ class Relocaliser:
     def _refined(
         self, image: Array, arc: float, turned: bool, wide: float, variance: float
     ) -> Candidate:
-        """Return the maximum of the likelihood near an arc length along the orbit.
-
-        The assumed variance of a residual [rad^2] is halved with each step, from `wide` to
-        `variance`.
-        """
+        """Return the maximum of the likelihood near an arc length along the orbit."""
         seen_with = max(wide, variance) / 2
         while seen_with > variance:
             ahead = self._view(image, arc, seen_with).arc - arc
@@ -253,7 +249,6 @@ class Relocaliser:
     def _scanned(
         self, image: Array, samples: OrbitSamples, variance: float, between: float = 0.0
     ) -> Array:
-        """Return the log likelihoods of the samples, shape (S,)."""
         sums, found = self._sums(image, variance), np.empty(len(samples.arcs))
         variance += between
         step = math.sqrt(variance) / _STEPS_OF_TABLE

@@ -19,8 +19,6 @@ def record_dtype(part: Any) -> np.dtype[np.void]:
 
 
 class _Part:
-    """Base class of the settings of one subject, with a record for compiled loops."""
-
     @cached_property
     def record(self) -> np.ndarray[Any, np.dtype[np.void]]:
         """Scalar settings as a read-only structured array, shape (1,)."""

@@ -125,7 +125,6 @@ class ShapeMeasurementModel:
     def _linearise(
         self, theta: Array, walls: Sequence[_ShapeFit], wall: _ShapeFit
     ) -> tuple[int, LinearisedMeasurement]:
-        """Return the first rotor near `wall`, and the measurement by all rotors near `wall`."""
         first, own = self._isolated(theta, walls, wall)
         residuals = self._residuals(own, first, wall, wall.site)
         tangent = tangent_of(first, len(own), wall.shape.table, wall.site, wall.stretch)

@@ -320,7 +320,6 @@ class WallShapes:
         return self.kinks[leg % len(self.kinks)]
 
     def _pinned(self) -> tuple[WallShape, WallShape]:
-        """Return the shapes of a pinned anti-kink near an even and near an odd rotor."""
         window = self._window
         site, angles = resting_anti_kink(window, float(self._sites[0]) + 0.5)
         rotors, theta = np.arange(len(angles)), staggered(angles)

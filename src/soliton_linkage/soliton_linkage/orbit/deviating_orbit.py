@@ -131,7 +131,6 @@ class DeviatingOrbit(Orbit):
         return found
 
     def _check(self) -> None:
-        """Raise ValueError if the wall cannot pass because a rotor far from the wall moves."""
         for piece, end in zip(self._pieces, self._ends, strict=True):
             arc = end - piece.length / 2 - self._origin
             mode = zero_mode(self.chain, self.configuration(arc))
@@ -141,7 +140,6 @@ class DeviatingOrbit(Orbit):
                 raise blocked_wall_error(self.chain, piece.seed)
 
     def _relaxed(self, leg: int) -> tuple[Array, Array]:
-        """Return the `background` of a leg."""
         last = self.chain.number_of_rotors - 1
         left, right = self._uniform.background(self._uniform.leg_arcs(leg)[0])
         begin, end = self.leg_arcs(leg)

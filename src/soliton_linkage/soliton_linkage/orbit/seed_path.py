@@ -103,8 +103,6 @@ class _Bond(NamedTuple):
 
 
 class _Seed:
-    """Seed at one position on the orbit, with methods that move it along the orbit."""
-
     def __init__(self, chain: Chain) -> None:
         self._chain = chain
         self._last = chain.number_of_rotors - 1
@@ -122,7 +120,6 @@ class _Seed:
             self.move_to(rotor)
 
     def _start(self, left: Array, right: Array) -> tuple[int, float, float]:
-        """Return number, angle [rad] and sense of rotation (+1 or -1) of the first seed."""
         nominal = replace(self._chain, number_of_rotors=8, deviations=NO_DEVIATIONS)
         rotors = np.arange(1, self._last)
         for rotor in rotors[np.argsort(np.abs(rotors - self._last / 2), kind='stable')].tolist():
@@ -137,7 +134,6 @@ class _Seed:
 
     @property
     def branches(self) -> tuple[bytes, bytes]:
-        """Signs of the levers A of the bars left of the seed, and B of the bars right of it."""
         left, right = self.left_branches[: self.rotor], self.right_branches[self.rotor :]
         return left.tobytes(), right.tobytes()
 

@@ -298,10 +298,7 @@ _short_orbit = lru_cache(maxsize=4)(_ShortOrbit)
 
 
 def _short_chain(chain: Chain) -> Chain:
-    """Return the shortest chain in which the edges have no effect on a wall in the middle.
-
-    If this chain would have more rotors than `chain`, return `chain`.
-    """
+    """Return the shortest chain, up to `chain`, whose edges do not affect a wall in the middle."""
     depth = penetration_depth(chain) / chain.spacing
     beside = math.ceil(_DEPTHS_BESIDE * depth) + _ROTORS_BESIDE
     fewest = 2 * beside + chain.number_of_rotors % 2

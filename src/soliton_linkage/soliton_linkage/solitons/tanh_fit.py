@@ -188,8 +188,8 @@ class _TanhFit:
     def _velocity(self, rates: Array | None) -> tuple[float, float]:
         """Return the rate of the wall's centre and its standard deviation [rotor spacings / s].
 
-        The centre X satisfies the condition sum_n (m_n - f_n) df_n/dX = 0 with the fitted function
-        f_n. The time derivative of this condition gives the rate.
+        The rate follows from the time derivative of sum_n (m_n - f_n) df_n/dX = 0, a condition
+        that the centre X of the fitted function f_n satisfies.
         """
         if rates is None or len(self._rotors) < 2:
             return math.nan, math.nan
