@@ -19,7 +19,7 @@ _TERMINAL_INTERVAL = 0.1
 _LOG_INTERVAL = 2.0
 """Shortest time between two lines in a log file [s]."""
 _DEFAULT_COLUMNS = 80
-"""Assumed line width if stderr is no terminal, or one without a width [characters]."""
+"""Assumed line width if stderr is no terminal, or a terminal without a width [characters]."""
 
 
 def line_width() -> int:

@@ -8,8 +8,8 @@ receiver's clock, with
 
 where a is the sum of the clock offset and the smallest delay, b the drift, and d the additional
 delay. The line a + b x contains one edge of the lower convex hull of the points (x, y), namely the
-edge at the mean of x (Moon, Skelly and Towsley, INFOCOM 1999, doi:10.1109/INFCOM.1999.749287). Of
-each time interval, only the message with the smallest delay is such a point.
+edge at the mean of x (Moon, Skelly and Towsley, INFOCOM 1999, doi:10.1109/INFCOM.1999.749287).
+Only one message of each time interval is used, that with the smallest delay.
 """
 
 from __future__ import annotations
@@ -27,18 +27,19 @@ _MICROSECOND = 1000
 _SECOND = 10**9
 """Duration of a second [ns]."""
 _INTERVALS = 64
-"""Number of intervals in the fit [1]. Sensitivity: at 0.5x, the error doubles; at 2x, a fit takes
-4 times as long."""
+"""Number of intervals in the fit [1]; at 0.5x, the error doubles; at 2x, a fit takes 4x as
+long."""
 _FIRST_INTERVAL = 1 / 16
-"""Duration of the first intervals [s]; short, because the drift is known only after two."""
+"""Duration of the first intervals [s]; short, because the drift is known only after two of
+them."""
 _LONGEST_INTERVAL = 2.0
-"""Longest duration of later intervals [s]. Sensitivity: at 0.5x, the line follows the changing
-drift of a warming clock faster."""
+"""Longest duration of later intervals [s]; at 0.5x, the line follows changes of the drift
+faster."""
 LARGEST_DRIFT = 0.01
 """Largest accepted drift of a clock [1]; the resonator of an Arduino Uno has half this drift."""
 _FROM_THE_FUTURE = 0.25
-"""A measurement may seem to be later than its arrival by up to this [s]. A larger difference means
-that the controller's clock has restarted."""
+"""A measurement that is later than its arrival by more than this [s] shows a restart of the
+clock."""
 _FROM_THE_PAST = 10.0
 """Largest accepted delay [s]; a larger delay means that the controller's clock has stopped."""
 _SMALLEST_JUMP = 1e-3
@@ -47,11 +48,11 @@ _EARLY, _LATE = 3.0, 10.0
 """A delay is plausible if it is at most the first number times h below the fitted line, or at most
 the second number times h above it [1], where h is the median height of delays above the line."""
 _UNUSUAL = 8.0
-"""For messages without a checksum: an interval is unusual if its difference from a multiple of the
-median interval is larger than this times the median of such differences [1]."""
+"""Without checksums, an interval between measurements is unusual if its difference from a multiple
+of the median interval is larger than this times the median of such differences [1]."""
 _ABOVE_OTHERS = 2.0
-"""For messages with a checksum: an interval is unusual if its difference from a multiple of the
-median interval is larger than this times the largest such difference of other intervals."""
+"""With checksums, an interval is unusual if its difference from a multiple of the median interval
+is larger than this times the largest such difference of the other intervals [1]."""
 _CLOCK_RESOLUTION = 1e-4
 """An interval is unusual only if its difference from a multiple of the median interval is larger
 than this [s], which is 25 ticks of micros() of an Arduino."""
@@ -131,10 +132,9 @@ class DeviceClock:
     """Conversion of times of the controller's clock to increasing stamps of the host's clock.
 
     Three successive implausible times that are consistent with each other restart the estimate of
-    offset and drift. Other implausible times are rejected.
-
-    The estimate is also restarted if all recent delays are much longer than the smallest delay
-    since its start. The smallest delay is then due to a wrong time, or to a jump of the clock.
+    offset and drift. Other implausible times are rejected. The estimate also restarts if all
+    recent delays are much longer than the smallest delay since it started, because this smallest
+    delay is then due to a wrong time or to a jump of the clock.
     """
 
     def __init__(self) -> None:
@@ -197,10 +197,6 @@ class DeviceClock:
         return self._stamp
 
     def _advance(self, time: int, arrival: int, checked: bool) -> None:
-        """Advance to a time of the controller, or restart the estimate.
-
-        Raise ValueError if the time is implausible and does not prove a restart or a jump.
-        """
         assert self._last is not None
         passed = (time - self._last) % CLOCK_RANGE
         if not passed:

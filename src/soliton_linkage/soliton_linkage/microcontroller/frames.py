@@ -173,7 +173,7 @@ def _packed(values: Array, type_: np.dtype[Any]) -> bytes | None:
 
 
 def decode_binary(piece: bytes) -> SerialFrame:
-    """Return the frame that `piece`, without the end byte, encodes; ValueError if invalid."""
+    """Return the frame that `piece` (without the end byte) encodes; ValueError if invalid."""
     whole = unstuff(piece)
     if len(whole) < _HEADER.size + _CHECKSUM.size:
         least = _HEADER.size + _CHECKSUM.size
@@ -252,7 +252,7 @@ class FrameDecoder:
         self._lines, self._pieces = _Splitter(_LINE_END), _Splitter(_FRAME_END)
 
     def feed(self, chunk: bytes) -> list[SerialFrame]:
-        """Return the frames that end in a chunk of bytes, in the order in which they end."""
+        """Return the frames whose last byte is in `chunk`, in the order of these bytes."""
         ended = [(end, Protocol.TEXT, line) for end, line in self._lines.feed(chunk)]
         ended += [(end, Protocol.BINARY, piece) for end, piece in self._pieces.feed(chunk)]
         ended.sort(key=lambda each: each[0])

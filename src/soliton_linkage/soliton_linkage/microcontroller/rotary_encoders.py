@@ -138,8 +138,7 @@ class AngleStream:
     def reconnect(self) -> None:
         """Prepare for a controller that may have restarted.
 
-        If the clock has not estimated its scatter yet, it is reset, because it cannot detect a
-        restart without this estimate.
+        The clock is reset if it has not estimated its scatter yet, and cannot detect a restart.
         """
         if math.isnan(self.clock.scatter):
             self.reset()
@@ -172,10 +171,7 @@ class AngleStream:
         return StampedAngles(stamp, self._reader.read(frame))
 
     def _count_lost(self, number: int) -> None:
-        """Update the number of lost frames, given the number of the latest frame.
-
-        It is compared with several previous numbers, so that one wrong number has no effect.
-        """
+        """Compare the latest number with several previous ones, of which one may be wrong."""
         totals = [
             lost + missing
             for earlier, arrived, lost in self._numbers

@@ -20,8 +20,8 @@ from soliton_linkage.orbit.orbit import Orbit
 from soliton_linkage.steering.settings import DEFAULTS, SteeringSettings
 
 _SAMPLES = 2048
-"""Number of samples of the tangent while a wall passes a rotor [1]. The samples are so dense that
-the spectrum has decayed to 0 at the highest q."""
+"""Number of samples of t_n(s), so that t_n(q) has decayed to 0 at the highest wave number q
+[1]."""
 _PEAK = 15 / 8
 """Ratio of the largest rate to the mean rate of a trajectory from rest to rest [1]."""
 _EXTENSION = 1.1
@@ -30,7 +30,7 @@ _EXTENSION = 1.1
 
 @dataclass(frozen=True)
 class ReferencePoint:
-    """Reference of a wall at an instant.
+    """Reference state of a wall at an instant.
 
     arc: arc length along the orbit, s [rad].
     rate: ds/dt [rad/s].
@@ -84,7 +84,6 @@ class ReferenceTrajectory:
         return ReferencePoint(*(each / self.duration**order for order, each in enumerate(values)))
 
     def _derivative(self, order: int) -> Array:
-        """Return the coefficients of a derivative by x, highest power first."""
         highest_first = np.array(self.coefficients[::-1])
         return np.polyder(highest_first, order) if order else highest_first
 
@@ -123,8 +122,8 @@ def adiabatic_rate(orbit: Orbit, settings: SteeringSettings = DEFAULTS) -> float
 def bandwidth(orbit: Orbit, period: float, settings: SteeringSettings = DEFAULTS) -> float:
     """Return the bandwidth of the feedback [rad/s]; `period` is the frame period [s] or NaN.
 
-    The bandwidth is far below the phonon gap, so that noise excites few phonons, and far below the
-    frame rate, so that late frames do not destabilise the feedback.
+    It is far below the phonon gap, so that noise excites few phonons, and far below the frame
+    rate, so that late frames do not destabilise the feedback.
     """
     limit = settings.bandwidth_share * gap(orbit.chain)
     return limit if math.isnan(period) else min(limit, settings.bandwidth_step / period)

@@ -17,19 +17,19 @@ from soliton_linkage.linkage.quantities import CheckedQuantities, quantity
 class SteeringSettings(CheckedQuantities):
     """Tuned parameters of the steering; raises ValueError for values out of range.
 
-    The `Quantity` of each field contains its meaning and range. In the docstrings of the fields, b
-    [rad/s] is the bandwidth of the feedback.
+    The `Quantity` of each field contains its meaning and range. The docstrings of the fields use b
+    [rad/s] for the bandwidth of the feedback.
     """
 
     tolerance: float = quantity(
         0.1, 'distance from the goal below which a soliton has arrived', 'rotor spacings', 1e-6
     )
-    """Sensitivity: with half the tolerance, arrivals are reported up to 4 s later; with twice the
-    tolerance, up to 0.6 s earlier. The holding accuracy does not change."""
+    """Sensitivity: at 0.5x, arrivals are reported up to 4 s later; at 2x, up to 0.6 s earlier. The
+    accuracy of the final position does not change."""
 
     latency: int = quantity(1, 'delay from a frame until its torques act', 'frames', 0)
-    """Sensitivity: if the latency has an error of 2 frames, there is no effect. With an error of 5
-    frames, a wall may be lost."""
+    """Sensitivity: an error of 2 frames has no effect; with an error of 5 frames, walls may be
+    lost."""
 
     radiated_share: float = quantity(
         1e-5, 'fraction of the energy of a soliton that one rotor may radiate', '', 1e-12, 1.0
@@ -57,9 +57,10 @@ class SteeringSettings(CheckedQuantities):
     bandwidth_step: float = quantity(
         0.1, 'largest bandwidth of the feedback times the frame period', '', 1e-3, 1.0
     )
-    """The feedback is stable for delays of up to 3 frames. Sensitivity for a frame period of 50
-    ms: at 0.5x, moves take twice as long; at 2x, a delay of 3 frames destabilises the feedback for
-    a flipper. With shorter frame periods, the parameter has no effect."""
+    """The parameter limits the bandwidth if the frame period is longer than `bandwidth_step` /
+    (`bandwidth_share` times the phonon gap). The feedback is then stable for delays of up to 3
+    frames. Sensitivity for a frame period of 50 ms: at 0.5x, moves take twice as long; at 2x, a
+    delay of 3 frames destabilises the feedback for a flipper."""
 
     observer_ratio: float = quantity(
         3.0, 'ratio of the bandwidths of observer and feedback', '', 0.1, 100.0
@@ -84,9 +85,8 @@ class SteeringSettings(CheckedQuantities):
     force_reserve: float = quantity(
         2.0, 'ratio of the available force to the force of the trajectory', '', 1.0
     )
-    """The excess over 1 is a margin for noise and disturbances. Sensitivity: at 0.5x, the reported
-    reach of actuators at an edge is ln(2) penetration depths longer; at 2x, shorter by the same
-    amount. Accepted moves do not change."""
+    """The excess over 1 is a margin for noise and disturbances. Sensitivity: the reported reach of
+    actuators at an edge is ln(2) penetration depths longer at 0.5x, and as much shorter at 2x."""
 
     settling_time: float = quantity(
         3.0,
@@ -101,8 +101,8 @@ class SteeringSettings(CheckedQuantities):
     settling_timeout: float = quantity(
         30.0, 'longest time to settle after the trajectory, times the bandwidth', '', 0.0
     )
-    """Sensitivity: the time until a wall that never settles is reported is proportional to this
-    parameter. All other walls settled in less than half of this time."""
+    """Sensitivity: the time after which a wall that never settles is reported is proportional to
+    this. All other walls settled in less than half of this time."""
 
     max_error: float = quantity(
         1.5,
@@ -119,28 +119,28 @@ class SteeringSettings(CheckedQuantities):
         20, 'number of restarts after which a soliton that does not settle is lost', '', 0
     )
     """The reference restarts if the soliton is farther than `max_error` from it. After missing
-    frames, one to three restarts are enough. If a load exceeds the force of the actuators, it
-    displaces the soliton in spite of the restarts, until this number is reached and the soliton is
-    released. Sensitivity: at 0.5x, this happens 15 rotor spacings earlier; at 2x, 30 rotor
-    spacings later."""
+    frames, one to three restarts are enough. A load that exceeds the force of the actuators
+    displaces the soliton until this number of restarts is reached; the soliton is then released.
+    Sensitivity: at 0.5x, the release is 15 rotor spacings earlier; at 2x, 30 rotor spacings
+    later."""
 
     max_gap: float = quantity(
         5.0, 'time without frames after which the soliton may have moved', 'frame periods', 1.0
     )
-    """Sensitivity: at 0.5x, a move still continues after an impulse during which two frames are
-    missing. At 2x, a wall that continues its motion is released after a gap of 8 frames."""
+    """Sensitivity: at 0.5x, a move still continues after an impulse with two missing frames. At
+    2x, a wall that moves on is released after a gap of 8 frames."""
 
     detection_timeout: float = quantity(
         0.2, 'time without a frame that shows the soliton, after which it is lost', 's', 0.0
     )
-    """Sensitivity: at 0.5x, the wall is lost in a gap of 0.15 s. At 2x, a gap of 0.35 s does not
-    lose the wall, and the error is the same."""
+    """Sensitivity: at 0.5x, a wall is lost in a gap of 0.15 s. At 2x, it is not lost in a gap of
+    0.35 s, and the error is the same."""
 
     min_noise: float = quantity(
         3e-3, 'lower limit of the noise of an angle in the observer', 'rad', 1e-9
     )
-    """Without this limit, the filter would regard the start of an impulse as noise if the frames
-    have no noise. An impulse of 6 to 10 rad/s would then displace a wall 1.4 times as far.
+    """Without this limit, the filter would treat the start of an impulse as noise in frames
+    without noise, and an impulse of 6 to 10 rad/s would displace a wall 1.4 times as far.
     Sensitivity: no effect at 0.5x and 2x."""
 
     phonon_periods: float = quantity(
@@ -149,9 +149,9 @@ class SteeringSettings(CheckedQuantities):
         'periods',
         0.1,
     )
-    """The kinetic energy of a phonon oscillates, because it alternates with the elastic energy. An
-    average over whole periods removes this oscillation. Sensitivity: at 0.5x, the oscillation of
-    the estimate is twice as large, and the estimate converges twice as fast."""
+    """The average removes the oscillation of the kinetic energy of a phonon, which alternates with
+    the elastic energy. Sensitivity: at 0.5x, the estimate oscillates twice as much, and converges
+    twice as fast."""
 
 
 DEFAULTS = SteeringSettings()

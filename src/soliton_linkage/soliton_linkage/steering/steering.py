@@ -8,7 +8,7 @@ controller applies the force
 
 along the orbit, with the bandwidth b. The estimates of s, s' and the disturbance d are predicted
 to the instant at which the torques act. Noise causes a force proportional to b^(5/2), and torques
-proportional to b^(5/2) q^(-1/2) with the coupling q of `TorqueAllocation`. Therefore b is
+proportional to b^(5/2) q^(-1/2) with the coupling q of `TorqueAllocation`. Therefore b is chosen
 proportional to q^(1/5).
 """
 
@@ -198,7 +198,8 @@ class Steering:
     def move(self, site: float, speed: float = 0.0) -> MoveResult | None:
         """Start to move the wall to a site [rotor spacings]; return a result only for a rejection.
 
-        `speed` [rotor spacings / s] limits the speed besides `adiabatic_speed`; 0 means no limit.
+        The speed is limited to `speed` [rotor spacings / s] unless this is 0, and to
+        `adiabatic_speed`.
         """
         estimate = self._observer.estimate
         rejection = self._rejection(site, speed, estimate)
@@ -271,11 +272,7 @@ class Steering:
         self._resting_since = None
 
     def _jumped(self, last: WallEstimate, found: WallEstimate) -> bool:
-        """Return whether a wall moved farther between two estimates than is plausible.
-
-        The limit is `max_error` plus twice the distance that the wall moves at the estimated rate
-        between the two estimates.
-        """
+        """Return whether a wall moved farther than its rate and `max_error` allow."""
         distance = abs(math.remainder(found.arc - last.arc, self.orbit.length))
         explained = 2 * abs(last.rate) * (found.time - last.time)
         return distance > explained + self.settings.max_error * self.orbit.site_arc
@@ -302,12 +299,7 @@ class Steering:
         rate: float,
         shortest: float,
     ) -> ReferenceTrajectory:
-        """Return a trajectory to a goal [rad] that the actuators can follow.
-
-        If the wall moves, increasing durations are tried, from `shortest` [s] on. If the actuators
-        can follow none of these trajectories, return the last one. The trajectory starts at
-        `point`, and `rate` is the largest rate of the arc length [rad/s].
-        """
+        """Return a trajectory to a goal [rad], if possible one that the actuators can follow."""
         for _ in range(_MAX_EXTENSIONS):
             trajectory = trajectory_to(goal, estimate.time, point, rate, shortest)
             force = self.settings.force_reserve * self._inertia * trajectory.max_acceleration

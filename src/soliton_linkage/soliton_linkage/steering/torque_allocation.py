@@ -26,11 +26,9 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage.orbit.orbit import Orbit
 
 _SAMPLES_PER_SITE = 4
-"""Number of positions per rotor spacing at which a path is checked [1]; t_n^2 varies smoothly
-between them."""
+"""Number of positions per rotor spacing at which a path is checked [1]."""
 _MIN_COUPLING = 1e-12
-"""Actuators count as having no effect if their coupling q is smaller than this [1]. A smaller q is
-0 in any case, because the orbit replaces values |t_n| < 1e-6 by 0."""
+"""Actuators count as having no effect if their coupling q is smaller than this [1]."""
 
 
 @dataclass(frozen=True)
@@ -124,7 +122,7 @@ class TorqueAllocation:
     def reach(self, arc: float, force: float) -> Reach:
         """Return the sites to which a force [N m] can move a wall from an arc length [rad].
 
-        The wall passes each site once in each leg of the orbit; the result refers to the leg of
+        The wall passes each site once in each leg of the orbit. The result refers to the leg of
         `arc`.
         """
         orbit = self.orbit
@@ -152,7 +150,6 @@ class TorqueAllocation:
         return effort.torque <= self.torque_limit and effort.strain <= self.strain_limit
 
     def _unit_torques(self, tangent: Array) -> Array:
-        """Return the minimum-norm torques for a unit force [1]; 0 if the coupling is too small."""
         actuated = np.where(self._actuated, tangent, 0.0)
         coupling = float(actuated @ actuated)
         return actuated / coupling if coupling > _MIN_COUPLING else 0 * actuated

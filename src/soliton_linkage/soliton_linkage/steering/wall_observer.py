@@ -3,7 +3,7 @@
 
 The model is s'' = u + d for the arc length s. u is the acceleration by the known torques, and d
 the acceleration by all other forces. Because d is estimated, a constant unknown force causes no
-steady error. The bandwidth determines the poles of the Kalman filter.
+steady error.
 """
 
 from __future__ import annotations
@@ -77,8 +77,9 @@ class WallObserver:
         """Process a frame and return the new estimate, or None if no wall is known.
 
         `angles` [rad], (N,), are NaN where unknown. `torques` [N m], (N,) or None, acted since the
-        previous frame. Frames not later than the previous one are ignored; if the time decreases
-        by over `detection_timeout`, the observer restarts. Raises ValueError for a wrong shape.
+        previous frame. A frame that is not later than the previous one is ignored, but if it is
+        earlier by more than `detection_timeout`, the observer restarts. Raises ValueError for a
+        wrong shape.
         """
         before = self.estimate
         if before and time < before.time - self._settings.detection_timeout:
