@@ -77,8 +77,7 @@ class CameraMeasurement:
     def measure(self, stamp: int, picture: Picture) -> CameraReading:
         """Return the angles of the rotors in a picture that was taken at `stamp` [ns].
 
-        Raises ValueError if `stamp` is not later than the previous one, or if the picture is
-        rejected.
+        Raises ValueError if the picture is rejected or `stamp` is not later than the previous one.
         """
         if stamp <= self._last:
             raise ValueError(
@@ -136,10 +135,7 @@ def median_deviation(frame: AngleFrame) -> float:
 def walls_on_overlay(
     solitons: tuple[AnalysedSoliton, ...], spacing: float, since: float = 0.0
 ) -> list[WallMark]:
-    """Return marks at the positions that the solitons have `since` [s] after their state.
-
-    `spacing` is the distance between neighbouring pivots [m].
-    """
+    """Return marks where the solitons are `since` [s] after their state; `spacing` is in [m]."""
     return [
         WallMark(
             each.rotor + (each.velocity * since / spacing if math.isfinite(each.velocity) else 0),

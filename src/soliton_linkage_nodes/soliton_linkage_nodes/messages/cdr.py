@@ -105,10 +105,7 @@ class JointStateDecoder:
         self._layout: Layout | None = None
 
     def decode(self, serialized: bytes) -> JointStates:
-        """Return the joint states of a serialized message; ValueError if it is damaged.
-
-        The arrays may be views of `serialized`.
-        """
+        """Return joint states, which may be views of `serialized`; ValueError if it is damaged."""
         layout = self._layout
         try:
             if layout is not None and layout.fits(serialized):

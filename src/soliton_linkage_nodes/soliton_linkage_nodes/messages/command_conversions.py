@@ -249,7 +249,7 @@ class StampRule:
     def delay(self, source: str, stamp: int, now: int, duration: float) -> float:
         """Return the time from `now` [ns] to the start of a command [s], negative after the start.
 
-        `duration` is in [s]. Raises ValueError if the command has ended or ends too late.
+        Raises ValueError if the command, of `duration` [s], has ended or ends too late.
         """
         delay = -self._age(stamp, now)
         if delay + duration < 0:

@@ -27,8 +27,7 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 FRAME = 'linkage'
 """Name of the coordinate frame whose x axis runs along the pivots."""
 _LARGEST_ANGLE = 1e6
-"""Largest angle in a reset request [rad]. At larger angles, rounding errors would exceed the
-change of the angle in a time step."""
+"""Largest angle in a reset request [rad]; larger angles would have large rounding errors."""
 _LARGEST_RATE = 1e6
 """Largest angular velocity in a reset request [rad/s]."""
 _CHAIN_FIELDS = tuple(
@@ -143,10 +142,7 @@ def joint_state(named: NamedChain, stamp: Time, **arrays: Array) -> JointState:
 
 
 def frame_from_msg(named: NamedChain, message: JointState | JointStates) -> Frame:
-    """Return the angles, corrected for known encoder offsets, and the rates of all rotors.
-
-    Raises ValueError if an angle is missing or invalid.
-    """
+    """Return angles minus known encoder offsets, and rates; ValueError if an angle is invalid."""
     order = _order(named.joint_names, message.name)
     angles = np.asarray(message.position, dtype=np.float64)
     rates = np.asarray(message.velocity, dtype=np.float64)

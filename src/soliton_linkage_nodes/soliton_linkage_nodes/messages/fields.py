@@ -71,10 +71,7 @@ def read(message_type: Any, text: str) -> Any:
 
 
 def built(message_type: Any, values: Any) -> Any:
-    """Return a message with the values of a mapping, and defaults for the other fields.
-
-    Raises ValueError if a field is unknown or a value does not fit its field.
-    """
+    """Return a message with the given values, else defaults; ValueError if one does not fit."""
     types = message_type.get_fields_and_field_types()
     name = _name(message_type)
     if not isinstance(values, Mapping):

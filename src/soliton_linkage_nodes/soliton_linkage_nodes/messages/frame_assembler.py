@@ -39,8 +39,7 @@ class FrameAssembler:
         self._short = 0
         self._last: tuple[int, frozenset[str]] | None = None
         self.whole: tuple[str, ...] | None = None
-        """Names in the last message that contained all joints of the chain, None if there is
-        none."""
+        """Names in the last message that contained all joints of the chain, or None."""
 
     @property
     def waiting_since(self) -> int | None:
@@ -48,10 +47,7 @@ class FrameAssembler:
         return self._parts[0].stamp if self._parts else None
 
     def add(self, joints: JointStates) -> list[JointStates]:
-        """Add a message; return the (at most two) frames that it completes or ends.
-
-        Raises ValueError if the message is invalid.
-        """
+        """Add a message; return the frames that it completes or ends; ValueError if invalid."""
         if not self._parts and joints.name is self.whole:
             self._last = joints.stamp, self._rotors
             return [joints]

@@ -55,10 +55,7 @@ class JointStateAnalysis:
         return math.nan if self._named is None else self._named.chain.spacing
 
     def set_chain(self, named: NamedChain) -> None:
-        """Analyse frames of this chain from now on.
-
-        If the chain is the same as before, the estimates are kept.
-        """
+        """Analyse frames of this chain from now on; the same chain again changes nothing."""
         if named == self._named:
             return
         if self._named is None or named.chain != self._named.chain:
@@ -82,10 +79,7 @@ class JointStateAnalysis:
             self.analyser.apply_impulse(read_stamp(serialized) or None, impulses)
 
     def add_deviations(self, deviations: JointStates) -> None:
-        """Store the standard deviations of the angles in the frame with the same stamp.
-
-        They are ignored if the chain is unknown.
-        """
+        """Store standard deviations for the frame with the same stamp, if a chain is known."""
         if self._deviation_reader is None:
             return
         by_rotor = self._deviation_reader.read(deviations).angles

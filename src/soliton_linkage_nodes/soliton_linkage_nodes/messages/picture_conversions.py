@@ -70,10 +70,7 @@ def jpeg_from_msg(message: CompressedImage, most: int) -> bytes:
 
 
 def picture_from_compressed_msg(message: CompressedImage) -> Picture:
-    """Return the pixels of a compressed picture; ValueError if it is damaged.
-
-    The shape is (rows, columns, 3) in the order blue, green, red.
-    """
+    """Return BGR pixels of a compressed picture, (rows, columns, 3); ValueError if damaged."""
     cv2 = opencv()
     data = np.frombuffer(message.data, dtype=np.uint8)
     picture = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
@@ -138,10 +135,7 @@ def write_camera(path: Path, camera: Camera) -> None:
 
 
 def camera_from_msg(message: CameraInfo) -> Camera | None:
-    """Return the camera that a message describes, or None if it contains no calibration.
-
-    Raises ValueError if the calibration is invalid.
-    """
+    """Return the camera of a message, None without calibration; ValueError if it is invalid."""
     if not message.k[0]:
         return None
     return _camera(message.width, message.height, message.distortion_model, message.k, message.d)

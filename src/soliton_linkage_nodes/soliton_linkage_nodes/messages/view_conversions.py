@@ -200,10 +200,7 @@ def reset_request(
 
 
 def step_request(periods: float) -> Step.Request:
-    """Return a request to advance a paused simulation by a positive integer of publish periods.
-
-    Raises ValueError for any other number.
-    """
+    """Return a request to simulate `periods` periods; ValueError if not a positive integer."""
     if not (_finite('periods', periods) == int(periods) and 1 <= periods < 2**32):
         raise ValueError(f'periods = {periods} must be a whole number of 1 or more')
     return Step.Request(periods=int(periods))

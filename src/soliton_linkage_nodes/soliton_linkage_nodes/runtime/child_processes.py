@@ -69,10 +69,7 @@ class ChildProcesses:
             )
 
     def ended(self) -> dict[str, str]:
-        """Return a sentence about each ended process.
-
-        Raises RuntimeError if a process ended with an error within `START_LIMIT` of its start.
-        """
+        """Return a sentence about each ended process; RuntimeError if one failed at its start."""
         found = {}
         for node, process in self._running.items():
             if process.poll() is None:

@@ -49,10 +49,7 @@ class GuardedNode(Node):
         return (each for each in super().subscriptions if each not in self._undispatched)
 
     def dispatch(self, subscription: Subscription, dispatched: bool) -> None:
-        """Set whether executors take the messages of a subscription.
-
-        If not, the node must take the messages itself, which avoids the overhead of an executor.
-        """
+        """Set whether executors take the messages, or the node itself, which is faster."""
         this = frozenset([subscription])
         self._undispatched = self._undispatched - this if dispatched else self._undispatched | this
         if self.executor is not None:

@@ -57,11 +57,7 @@ class SequenceGaps:
 
 @dataclass
 class _Newcomer:
-    """First received message of a publisher.
-
-    `sent` is its source time, `elapsed` the time from the subscription to this message, and
-    `period` the estimated message period [ns].
-    """
+    """First message of a publisher: source time, time since subscribing, message period [ns]."""
 
     number: int
     sent: int
@@ -152,7 +148,7 @@ class PublisherArbitration:
     def take(self, number: int, sent: int, publishers: Callable[[], int]) -> bool:
         """Return whether to keep a message with a sequence number and a source time `sent` [ns].
 
-        Rejected messages are counted. `publishers()` returns the number of publishers.
+        `publishers()` returns the number of publishers.
         """
         selected = self._selected
         if selected is None:
@@ -213,8 +209,7 @@ class _Share:
 
 
 _ABSENCE = 5.0
-"""Publishers of parts that were not received for this time [s] are forgotten if new parts
-arrive."""
+"""When new parts arrive, publishers of parts not received for this time [s] are forgotten."""
 
 
 class StreamArbitration:

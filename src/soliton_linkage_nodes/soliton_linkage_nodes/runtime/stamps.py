@@ -58,8 +58,7 @@ class Freshness:
 
 
 _DRIFT_TIME = 10.0
-"""Shortest time for an estimate of the drift [s]. A jitter of 1 ms then gives errors of 100
-ppm."""
+"""Shortest time for an estimate of the drift [s]; 1 ms of jitter then causes errors of 100 ppm."""
 
 
 class ClockMonitor:

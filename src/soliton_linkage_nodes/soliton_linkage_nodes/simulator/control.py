@@ -17,11 +17,9 @@ from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage_nodes.runtime.guarded import describe_error
 
 _LEAST_PROGRESS = 1e-3
-"""A reset is rejected if less than this part of its first frame is computed in `longest_trial`
-[1]."""
+"""A reset is rejected if less than this part of a frame is computed in `longest_trial` [1]."""
 _MOST_KICKS = 10_000
-"""Largest number of kicks that wait for the next frame [1]: as many as a topic transports in 1
-s."""
+"""Largest number of kicks that wait for the next frame [1], as many as arrive in 1 s."""
 
 
 @dataclass(frozen=True)
@@ -117,10 +115,7 @@ class SimulationControl:
             return State(self._simulation.angles, self._simulation.rates)
 
     def tick(self) -> bool:
-        """Apply the waiting commands, publish a frame and compute the next one.
-
-        Returns False, without a frame, if the simulation is paused or stopped.
-        """
+        """Apply commands, publish a frame, compute the next; return False if paused or stopped."""
         with self._frame_in_work:
             if self._abandoned is self._simulation:
                 self._finish_frame(self._simulation)
