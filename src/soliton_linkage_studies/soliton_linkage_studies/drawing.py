@@ -107,11 +107,7 @@ def lean_norm(chain: Chain) -> FuncNorm:
 
 
 class ChainPicture:
-    """Matplotlib artists of one chain, which `update` moves; the axis limits fit the chain.
-
-    Pivots are crosses, rotors black bars and masses blue dots. Springs are dashed red lines, rigid
-    bars solid red lines. If neighbouring rotors overlap, odd ones are grey.
-    """
+    """Matplotlib artists of one chain, which `update` moves; the axis limits fit the chain."""
 
     def __init__(
         self,
@@ -186,10 +182,7 @@ class ChainPicture:
 
 
 def expand_limits(pictures: Sequence[ChainPicture]) -> tuple[float, float]:
-    """Set the same limits on all pictures, wide enough for all visible mode arrows.
-
-    Returns the width and the height of the area within these limits [m].
-    """
+    """Set equal limits with room for all visible mode arrows; return width and height [m]."""
     shown = [picture.axes for picture in pictures]
     corners = [np.transpose([axes.get_xlim(), axes.get_ylim()]) for axes in shown]
     for picture in pictures:
@@ -227,8 +220,7 @@ def add_legend(figure: Figure) -> None:
 def projection_quiver(axes: Axes, chain: Chain, angles: Array, lowered: float = 0.0) -> Quiver:
     """Draw the displacements u_n = r sin(phi_n) [m] as arrows; return the arrows.
 
-    Arrows to the right are purple, arrows to the left orange. If r > a, the arrows of neighbouring
-    rotors are in different rows, so that they do not overlap.
+    If r > a, the arrows of neighbouring rotors are in different rows, so that they do not overlap.
     """
     along = displacement(chain, angles)
     positions = np.column_stack([chain.pivots, _rows(chain) - lowered])
@@ -250,8 +242,7 @@ def draw_torus(axes: Axes, chain: Chain, curves: Sequence[Array]) -> None:
     """Draw the configuration space of a unit cell as curves on a torus (paper, Fig. 4c).
 
     Each curve contains staggered angles [rad], shape (K, 2). Opposite sides of the square plot are
-    the same line on the torus. Triangles mark the four uniform states: purple for right-leaning
-    states, orange for left-leaning ones.
+    the same line on the torus. Triangles mark the four uniform states.
     """
     for number, curve in enumerate(curves):
         colour = CURVE_COLOURS[number % len(CURVE_COLOURS)]
@@ -270,7 +261,7 @@ def draw_torus(axes: Axes, chain: Chain, curves: Sequence[Array]) -> None:
 
 
 def split_at_wraps(curve: Array) -> Array:
-    """Wrap a curve, shape (K, 2), to -pi ... pi [rad]; insert a row of NaN at each wrap."""
+    """Wrap a curve, shape (K, 2), to +-pi [rad]; insert a row of NaN at each wrap."""
     wrapped = np.asarray(np.mod(curve + np.pi, 2 * np.pi) - np.pi)
     jumps = np.flatnonzero((np.abs(np.diff(wrapped, axis=0)) > np.pi).any(axis=1)) + 1
     return np.insert(wrapped, jumps, np.nan, axis=0)

@@ -21,16 +21,15 @@ DISTANCE_LABEL = 'n - X [rotor spacings]'
 """Axis label of the distance of a rotor from a wall."""
 
 _ARCTANH_REACH = 0.9
-"""A width fit ignores order fields |m| above this [1], because arctanh(m) amplifies their
-errors."""
+"""Width fits ignore order fields |m| above this [1], because arctanh(m) amplifies errors."""
 _MIDDLE = 0.3
-"""Length of the middle part of a chain, in which walls are measured / length of the chain [1]."""
+"""Length of the middle part, where walls are measured, divided by the chain length [1]."""
 _FRAMES = 600
 """Number of frames in a recording of a crossing."""
 _SLACK = 1.1
-"""A crossing is recorded for at least this times `slow_crossing_time` [1]."""
+"""A crossing is recorded for at least this multiple of `slow_crossing_time` [1]."""
 _TRANSIENT = 1.5
-"""A crossing is recorded for at least this times the crossing time of sound [1]."""
+"""A crossing is recorded for at least this multiple of the crossing time of sound [1]."""
 
 
 def kick_rates(

@@ -103,10 +103,7 @@ class Comparison:
 
 @dataclass
 class FigureReport:
-    """Figure with its caption, its drawn points (`rows`) and its comparisons.
-
-    Each comparison becomes one row of the table that compares paper, theory and simulation.
-    """
+    """Figure with its caption, its drawn points (`rows`), and its comparisons for a table."""
 
     figure: Figure
     caption: str
@@ -170,10 +167,7 @@ def save_page(report: FigureReport, folder: Path, name: str, table: str = 'table
 
 
 def save_figure(figure: Figure, path: Path) -> None:
-    """Write a figure in the format of the path's suffix.
-
-    The file contains no date, so that equal figures give equal files.
-    """
+    """Write a figure in the format of the path's suffix; equal figures give equal files."""
     metadata = {'CreationDate': None} if path.suffix == '.pdf' else None
     figure.savefig(path, dpi=_RESOLUTION, metadata=metadata)
 

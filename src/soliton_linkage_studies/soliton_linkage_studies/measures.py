@@ -29,8 +29,7 @@ _TOLERANCE = 1e-8
 _FRAMES_A_SPACING = 4.0
 """Approximate number of frames in which a wall moves by one rotor spacing [1]."""
 _FRAMES_A_SWING = 40.0
-"""Approximate number of frames in which an edge rotor turns by the smaller of 1 rad and a / r
-[1]."""
+"""Approximate number of frames in which an edge rotor turns by 1 or, if smaller, a / r [rad]."""
 _DEPARTED = 1.5
 """The wall of a spinner has left the edge after a motion of more than this [rotor spacings]."""
 
@@ -44,8 +43,7 @@ class Leg:
     crossed: bool
     """Whether the wall reached the other edge."""
     furthest: float
-    """Wall position at the largest distance from the edge at which the leg began [rotor
-    spacings]."""
+    """Wall position farthest from the edge at which the leg began [rotor spacings]."""
     arc: float
     """Arc length of the leg in configuration space, with the Euclidean norm [rad]."""
 
@@ -142,11 +140,7 @@ class _Walker:
 
 
 def _frame_arc(chain: Chain) -> float:
-    """Return the frame period [s] for rates of norm 1 rad/s.
-
-    The period resolves the motion of the wall or the swing of an edge rotor, whichever needs fewer
-    frames.
-    """
+    """Return the frame period [s] for rates of norm 1 rad/s."""
     spacings = 1 + chain.wall_width / chain.spacing
     of_wall = chain.rest_angle / (_FRAMES_A_SPACING * math.sqrt(spacings))
     swing = min(1.0, chain.spacing / chain.rotor_length)
@@ -167,8 +161,8 @@ OUTCOMES = ('returns', 'crosses', 'lost')
 _PIECE = 20
 """Interval at which the simulation checks whether the wall has returned [time units]."""
 _WALL_REACH = 4
-"""Energy within this distance of a wall counts as energy of the wall, of which it is 98 % [larger
-of wall width and penetration depth]."""
+"""Energy within this distance of a wall counts as energy of the wall [larger of wall width and
+penetration depth]. The range contains 98 % of the energy of a wall."""
 _JUMP = 5
 """If a track jumps by this or more between frames, it follows another wall [rotor spacings]."""
 
@@ -356,7 +350,7 @@ def _unbroken(track: Track, crossing: Crossing) -> bool:
 
 
 def _joined(first: object, second: object, names: tuple[str, ...]) -> list[Array]:
-    """Join the named arrays; the first frame of `second` is omitted, because it ends `first`."""
+    """Join the named arrays without the first frame of `second`, the last one of `first`."""
     return [np.concatenate([getattr(first, name), getattr(second, name)[1:]]) for name in names]
 
 

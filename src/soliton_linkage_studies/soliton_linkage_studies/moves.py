@@ -40,7 +40,7 @@ _OBSERVATION_TIME = 0.2
 _TIME_LIMIT = 120.0
 """Time limit of a move [s]; a longer move has the outcome NOT_HELD."""
 _SAMPLE_EVERY = 20
-"""Ratio of the number of frames to the number of frames that a `MoveRun` contains [1]."""
+"""A `MoveRun` contains only every n-th frame, for this number n [1]."""
 DISORDERED = ('spacing', 'rotor_length', 'mass', 'stiffness', 'rest_length')
 _DRAWS = 100
 """Largest number of draws of a random disorder until a wall can pass through the chain [1]."""
@@ -136,7 +136,7 @@ class MoveRun:
     phonon_energies: Array
     """Energy of the phonons [J], shape (T,)."""
     error: float
-    """Largest distance from the goal from the arrival on [rotor spacings]; NaN if not REACHED."""
+    """Largest distance from the goal after the arrival [rotor spacings]; NaN if not REACHED."""
     energy_left: float
     """Energy of the phonons at the end [J]."""
     peak_energy: float
@@ -144,11 +144,7 @@ class MoveRun:
 
 
 def _started(task: MoveTask, orbit: UniformOrbit) -> tuple[Chain, Array]:
-    """Return the chain of a task with its damping and disorder, and the initial angles [rad].
-
-    The disorder is drawn again if a bond may block the wall, or if no rest state with the wall at
-    `task.start` is found.
-    """
+    """Return the chain of a task with its damping and disorder, and the initial angles [rad]."""
     damping = task.condition.decay * task.chain.moment_of_inertia
     chain = replace(task.chain, damping=damping)
     leg = task.seed % orbit.number_of_legs

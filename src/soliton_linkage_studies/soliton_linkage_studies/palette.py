@@ -95,8 +95,7 @@ def tint(colour: str, share: float) -> str:
 def lean_colour_scale(chain: Chain) -> tuple[Array, Array]:
     """Return the nodes of the piecewise linear colour scale of a chain.
 
-    They are displacements u [m] and positions on the colour map [1], each of shape (K,). The
-    uniform rest states have the same two colours in all chains.
+    They are displacements u [m] and positions on the colour map [1], each of shape (K,).
     """
     rest, largest = float(lean_ticks(chain)[3]), float(lean_ticks(chain)[4])
     near = [

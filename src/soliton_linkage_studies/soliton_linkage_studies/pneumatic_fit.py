@@ -139,7 +139,6 @@ def _split_fit(pressed: Array, twisted: Array, linear: int) -> tuple[float, floa
 
 
 def _time_constant(response: StepResponse, sign: int) -> float:
-    """Return an initial guess of the filling (sign +1) or venting (sign -1) time [s]."""
     middle = (response.pressures[1:] + response.pressures[:-1]) / 2
     driven = response.commands[:-1] - middle
     reach = sign * driven > _SHORTEST_STEP * np.abs(driven).max()

@@ -165,7 +165,6 @@ class _Arc:
         return -_partners(self._chain, -theta_2)[1][..., 0]
 
     def _rate(self, theta_2: Array) -> Array:
-        """Return dtheta_2 / dl = 1 / sqrt(1 + (dtheta_1 / dtheta_2)^2) with the arc length l."""
         chain = self._chain
         theta_2 = np.clip(theta_2, *self._ends)
         theta_1 = self._theta_1(theta_2)

@@ -28,11 +28,9 @@ _MAXIMUM_COUNT = 1000
 """Largest number of processes [1]; a larger number is probably a typing error."""
 _INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
 _CHUNK_DURATION = 1.0
-"""A task returns its rows after about this time [s], so that a later failure does not lose
-them."""
+"""A task returns its rows after about this [s], so that a later failure does not lose them."""
 _CHUNK_GROWTH = 4
-"""Largest ratio of the sizes of successive chunks [1], because the first rows may be unusually
-fast."""
+"""Largest ratio of successive chunk sizes [1], because the first rows may be unusually fast."""
 _CHUNKS_PER_WORKER = 2
 """Number of submitted chunks per worker [1]: one chunk is measured while the next one waits."""
 
@@ -249,8 +247,7 @@ def measure_rows(pool: Pool, table: Rows, rows: Sequence[int]) -> Iterator[list[
 def measure_chunk(table: Rows, rows: list[int]) -> Chunk:
     """Measure `rows` one by one, or in groups with `cells_of`, and stop after about a second.
 
-    At least one row or one group is measured. Returns the cells of the measured rows, the rows
-    that were not measured, and the duration [s].
+    Returns the cells of the measured rows, the rows that were not measured, and the duration [s].
     """
     begin, cells = time.perf_counter(), list[list[str]]()
     while len(cells) < len(rows):

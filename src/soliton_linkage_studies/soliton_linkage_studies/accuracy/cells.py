@@ -43,7 +43,8 @@ _WIDEST = 3.0
 _LONGEST = 4.0
 """Largest ratio of the rotor length r to the rotor spacing a, as in the paper [1]."""
 _APART = 1.6
-"""A random cell with W > 1 walls has at least W times 2 `reach(chain)` times this rotors [1]."""
+"""With W > 1 walls, a random cell has at least 2 W `reach(chain)` times this number of rotors
+[1]."""
 _SEVERAL = (1, 1, 1, 2, 4)
 """A random cell has one of these numbers of walls [1], drawn with equal probability."""
 
@@ -94,7 +95,7 @@ class AccuracyCell:
     offsets: float = 0.0
     """Offset of the encoder of every tenth rotor [rad]."""
     damping: float = 0.0
-    """Rate `damping` of the decay exp(-`damping` t) of the rotor rates [1 / time unit]."""
+    """The rotor rates decay as exp(-`damping` t) [1 / time unit]."""
     damping_known: bool = False
     """Whether the analyser is configured with the damping."""
     length_error: float = 0.0
@@ -124,7 +125,7 @@ class AccuracyCell:
 
 
 def random_cells(seed: int, count: int) -> list[AccuracyCell]:
-    """Draw `count` cells from the ranges above; successive cells have different motion classes."""
+    """Draw random cells from the ranges of this module, with alternating motion classes."""
     return [_drawn(number, np.random.default_rng([seed, number])) for number in range(count)]
 
 
@@ -234,7 +235,6 @@ def _of_model(chains: dict[str, Chain]) -> list[AccuracyCell]:
 
 
 def _with_forces(chain: Chain) -> dict[str, Chain]:
-    """Return one chain per force term, by the name of the term."""
     sites = _FORCED_SPEED * speed_of_sound(chain) / chain.spacing
     drag = 0.01 * chain.moment_of_inertia / chain.time_unit
     rate = sites * site_arc(chain)

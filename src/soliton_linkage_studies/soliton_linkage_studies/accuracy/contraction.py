@@ -39,7 +39,7 @@ SIMULATED, RECORDED = 'contraction_simulated', 'contraction_recorded'
 """File names of results for simulated walls and for walls recorded by the nodes."""
 _SOURCES = {SIMULATED: 'simulated frames', RECORDED: 'bags that the nodes recorded'}
 _QUICK_EVERY = 4
-"""Quick studies use the first of each group of this number of successive kicks [1]."""
+"""Quick studies use only every n-th kick, for this number n [1]."""
 _QUICK_FRAMES = 400
 """Largest number of frames per wall in a quick study [1]."""
 _FEWEST_FRAMES = 10
@@ -167,10 +167,7 @@ def passage_of(
 
 
 def rest_width(chain: Chain) -> float:
-    """Return the mean width of fitted tanh profiles, divided by the theoretical width at rest [1].
-
-    One profile is fitted to each of 20 static walls, whose positions cover two rotor spacings.
-    """
+    """Return the mean fitted width of static walls, divided by the theoretical width [1]."""
     middle = chain.number_of_rotors // 2 - 1
     walls = (static_wall(chain, middle + position) for position in np.arange(0, 2, 0.1))
     found = [find_solitons(chain, wall) for wall in walls]

@@ -61,8 +61,7 @@ class EstimatorTrial:
     coarse_start: float
     """Largest error of the guess from which a fit starts [rotor spacings]."""
     cold_every: int
-    """The search without a guess is slow, so it is tested only on every `cold_every`-th frame
-    [1]."""
+    """The slow search without a guess is tested only on every `cold_every`-th frame [1]."""
 
 
 Estimator = Callable[[UniformOrbit, Array, float], Estimate]
@@ -89,7 +88,7 @@ def estimators_of(chain: Chain) -> dict[str, Estimator]:
 def errors(
     chain: Chain, trial: EstimatorTrial, generator: np.random.Generator
 ) -> dict[str, Array]:
-    """Return error and margin [rotor spacings] of each estimator in the frames of its test.
+    """Return error and margin [rotor spacings] of each estimator in each frame that tests it.
 
     Each array has shape (frames, 2). A margin is half the width of the stated 95 % interval. The
     true walls are at random positions within `inner_positions`, on random legs. The error is NaN
@@ -120,7 +119,7 @@ def errors(
 def bias_by_position(chain: Chain, points: int) -> tuple[Array, dict[str, Array]]:
     """Return the error of each estimator without noise, at positions that cover two spacings.
 
-    Returns the distances of the walls from the same even rotor, and the errors by estimator name.
+    Returns the distance of each wall from a fixed even rotor, and the errors by estimator name.
     All arrays have shape (points,) and the unit [rotor spacings]. The walls are computed by
     `static_wall`, independently of the orbit.
     """

@@ -46,7 +46,7 @@ class FrameStudy:
     seed: int
 
     def tasks(self) -> list[Callable[[], Any]]:
-        """Return the tasks: first a chunk of frames each, then the bias of one chain each."""
+        """Return one task per chunk of frames, then one task per chain for the bias."""
         cells = product(range(len(self.chains)), range(len(self.noises)), range(self._chunks))
         return [
             *(partial(self.sample, *numbers) for numbers in cells),

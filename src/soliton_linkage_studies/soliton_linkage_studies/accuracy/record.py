@@ -42,7 +42,7 @@ _QUICK_RUNS = 4
 _SHOWN = 60
 """Largest number of frame counts n at which errors are evaluated [1]."""
 _FEWEST = 3
-"""Smallest frame count n at which errors are evaluated [1]: three, for a line with a residual."""
+"""Smallest frame count n at which errors are evaluated [1]."""
 _QUANTITIES = ('position [rotor spacings]', 'velocity, relative')
 
 

@@ -33,8 +33,8 @@ from soliton_linkage_studies.settings import Section
 from soliton_linkage_studies.sweep.table import fingerprint
 
 _LOST_WIDTHS = 2.0
-"""A true wall is lost if the nearest reported wall is farther than this [wall widths], than
-`_LOST` and than `_LOST_DEVIATIONS`."""
+"""A true wall is lost if every reported wall is farther than this [wall widths], than `_LOST` and
+than `_LOST_DEVIATIONS`."""
 _LOST = 1.0
 """See `_LOST_WIDTHS` [rotor spacings]."""
 _LOST_DEVIATIONS = 6.0

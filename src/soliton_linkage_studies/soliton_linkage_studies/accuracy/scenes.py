@@ -57,8 +57,8 @@ _SAMPLES = 200
 _LEGS = 2.0
 """Longest random path of a kicked wall before the scene starts [edge-to-edge passages]."""
 _WINDOWS, _FORCED_WINDOWS = 3, 6
-"""Length of the window for the fit of a slope / length of the averaging window [1]; the second
-value is for chains with force terms."""
+"""Length of the window for the fit of a slope, divided by that of the averaging window [1]; the
+second value is for chains with force terms."""
 _STOPPED = 0.02
 """A wall counts as stopped if its speed is below this fraction of its largest speed [1]."""
 _CHAINS = 200
@@ -71,11 +71,11 @@ _FEWEST = 20
 _DRAWS = 20
 """Largest number of scenes that are drawn until the walls of one stay intact and apart [1]."""
 _SLOWER = 0.7
-"""Factor of the initial speed of anti-kinks from one draw of a scene to the next draw [1]."""
+"""Factor by which the initial speed of anti-kinks is reduced after each failed draw [1]."""
 _JITTER = 0.05
 """Largest random shift of a wall from its regular initial position [distances between walls]."""
 _CORE = 3.0
-"""A wall is intact if the rotors within this distance of it form a wall [rotor spacings]."""
+"""Only the rotors within this distance of a wall show whether it is intact [rotor spacings]."""
 
 
 @dataclass(frozen=True)
@@ -293,7 +293,6 @@ def _started(cell: AccuracyCell, random: np.random.Generator) -> _Start:
 
 
 def _nudged(cell: AccuracyCell, orbit: Orbit, random: np.random.Generator) -> _Start:
-    """Kick a wall off the first edge, and simulate up to two passages from edge to edge."""
     chain = cell.chain
     left = chain.uniform_state(1) + math.pi
     angles = left if chain.motion is Motion.SPINNER else chain.uniform_state(-1)
@@ -313,7 +312,7 @@ def _nudged(cell: AccuracyCell, orbit: Orbit, random: np.random.Generator) -> _S
 def _apply_impulse(
     start: _Start, arc: float, largest: float, random: np.random.Generator
 ) -> Array:
-    """Change the wall speed by a random fraction up to `largest`; return N impulses [N m s]."""
+    """Change the wall speed by a random fraction up to `largest`; return the impulses [N m s]."""
     orbit = start.orbit
     near = np.abs(np.arange(orbit.chain.number_of_rotors) - orbit.site(arc)) < _IMPULSE_REACH
     change = start.speed * random.uniform(-largest, largest)

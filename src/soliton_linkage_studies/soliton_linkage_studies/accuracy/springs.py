@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Integrator of elastic chains that shares only the geometry of a spring with the simulator.
 
-Each step of length h is Suzuki's symplectic composition of order 4, of five leapfrog steps. With
-angles x, rates v, torques F and moments of inertia I, these are
+A step of length h is Suzuki's symplectic composition of five leapfrog steps, of order 4. With
+angles x, rates v, torques F and moments of inertia I, the leapfrog steps are
 
     x += w h v / 2,  v += w h F(x) / I,  x += w h v / 2  for w = p, p, 1 - 4 p, p, p,
 

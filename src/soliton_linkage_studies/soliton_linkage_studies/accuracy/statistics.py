@@ -25,29 +25,21 @@ COLUMNS = (
     *('rate_coverage_1', 'rate_coverage_2', 'rate_bias', 'kinetic_rms', 'error_rms'),
     *('deviation_median', 'shift_max', *_FAILURES),
 )
-"""Columns that are measured for a test cell (`AccuracyCell`).
-
-`speed` is that of the fastest wall [speed of sound]. Columns that begin with `position`, `rate` or
-`kinetic` are statistics of the error of wall position, wall velocity or kinetic energy, divided by
-its stated standard deviation; `instant_rms` uses the wall position without an average over time.
-
-`rms` is the root mean square and `rms_error` its standard error; `99` and `max` are the 99 %
-quantile and the maximum of the absolute value; `beyond_4`, `coverage_1` and `coverage_2` are the
-fractions of absolute values above 4, below 1 and below 2 [%]; `bias` is the mean.
-
-`error_rms` is the rms position error and `deviation_median` the median of its stated standard
-deviation [rotor spacings]. `shift_max` is the largest shift of a position by a wrong reading,
-divided by the stated standard deviation. `lost` and `false` are numbers of walls, and `wrong_leg`
-is a number of frames.
-"""
+"""Columns that are measured for a test cell (`AccuracyCell`). `speed` is that of the fastest wall
+[speed of sound]. Columns that begin with `position`, `rate` or `kinetic` are statistics of the
+error of wall position, wall velocity or kinetic energy, divided by its stated standard deviation;
+`instant_rms` uses the wall position without an average over time. `rms` is the root mean square
+and `rms_error` its standard error; `99` and `max` are the 99 % quantile and the maximum of the
+absolute value; `beyond_4`, `coverage_1` and `coverage_2` are the fractions of absolute values
+above 4, below 1 and below 2 [%]; `bias` is the mean. `error_rms` is the rms position error and
+`deviation_median` the median of its stated standard deviation [rotor spacings]. `shift_max` is the
+largest shift of a position by a wrong reading, divided by the stated standard deviation. `lost`
+and `false` are numbers of walls, and `wrong_leg` is a number of frames."""
 
 WALL_VALUES = ('position', 'instant', 'rate', 'error', 'deviation', 'rate_error')
-"""Values of each found wall; the first three are divided by their stated standard deviations.
-
-They are the error of the position averaged over time, of the position at this instant and of the
-velocity [1]; then the position error and its stated standard deviation [rotor spacings], and the
-relative error of the velocity [1].
-"""
+"""Values of each found wall: errors of the position averaged over time, of the position at this
+instant and of the velocity, divided by their stated standard deviations [1]; position error and
+its stated standard deviation [rotor spacings]; relative error of the velocity [1]."""
 
 _COLUMNS = (
     *('class', 'r/a', 'rest angle [rad]', 'noise [rad]', 'estimator', 'frames'),
@@ -57,14 +49,13 @@ _COLUMNS = (
 _CONSISTENT = (0.95, 1.05)
 """Stated deviations count as consistent if the rms normalised error is in this range [1]."""
 _SIGNIFICANT = 3.0
-"""A difference is significant if it is above this [standard errors]; by chance 1 of 400 is."""
+"""A difference is significant if it is above this [standard errors]; 1 of 400 is so by chance."""
 _SINGLE_RECORD = 0.3
 """Assumed relative standard error of a root mean square over a single record [1]."""
 _LARGER = 1.1
 """An error counts as larger than that in the earlier table if their ratio is above this [1]."""
 _USEFUL = 2.0
-"""Position errors are compared only if their normalised rms was below this in the earlier
-table."""
+"""Position errors are compared only if the earlier normalised rms was below this [1]."""
 _FEWER = 0.01
 """Position errors are not compared if the fraction of lost walls has decreased by more than this
 [1], because the new errors include the walls that were lost before."""
@@ -117,11 +108,7 @@ def line_of(scores: Sequence[Scores]) -> dict[str, float]:
 
 
 def _normalised(name: str, errors: list[Array]) -> dict[str, float]:
-    """Return the columns of normalised errors; `errors` has one array per record.
-
-    The standard error of the root mean square is a jackknife estimate over records, because the
-    frames of a record are correlated.
-    """
+    """Return the columns of normalised errors; `errors` has one array per record."""
     pieces = [_finite(each) for each in errors]
     whole = np.concatenate(pieces)
     size = np.abs(whole)
@@ -291,10 +278,7 @@ def _less_consistent(name: str, row: Row, old: Row, useful: bool) -> list[str]:
 
 
 def _more_failures(name: str, row: Row, old: Row) -> list[str]:
-    """Return one line if failures `name` are significantly more frequent than in `old`.
-
-    Position errors above 4 stated standard deviations count as 'lost', too.
-    """
+    """Return one line if failures `name` are significantly more frequent than in `old`."""
     share, earlier = _rate(row, name), _rate(old, name)
     misplaced = _large_errors(row), _large_errors(old)
     if name == 'lost' and math.isfinite(sum(misplaced)):
@@ -315,7 +299,6 @@ def _large_errors(row: Row) -> float:
 
 
 def _inconsistency(rms: float) -> float:
-    """Return |ln(rms / nearest limit of `_CONSISTENT`)|, or 0 if `rms` is within the limits."""
     if not rms > 0:
         return 0.0
     low, high = _CONSISTENT

@@ -38,7 +38,7 @@ _CLOSE = 1e-6
 
 
 def reach(chain: Chain) -> float:
-    """Return how far a wall extends to each side [rotor spacings], without tails of < 1 %."""
+    """Return how far a wall extends to each side [rotor spacings], apart from tails below 1 %."""
     return 2.5 * max(chain.wall_width, penetration_depth(chain)) / chain.spacing + 3
 
 
@@ -142,7 +142,6 @@ class WallPath:
         return math.sqrt(float(residual @ residual) / max(len(residual), 1))
 
     def _near(self, angles: Array, position: float, within: float) -> tuple[Array, Array]:
-        """Return `angles` minus those of a static wall, and the derivatives of the static wall."""
         first, wall, slope = self.window(position)
         low, high = max(first, 0), min(first + len(wall), len(angles))
         near = np.abs(np.arange(low, high) - position) < within
@@ -208,7 +207,7 @@ class SteadyWall:
     position: float
     """Wall position in the chain in which the wall was simulated [rotor spacings]."""
     first: int
-    """Rotor of that chain to which the first element of `offsets` and of `rates` belongs."""
+    """Rotor of this chain to which the first element of `offsets` and of `rates` belongs."""
     offsets: Array
     """Angles minus the angles of the static wall [rad], shape (M,)."""
     rates: Array

@@ -125,10 +125,7 @@ class ActiveStudy:
 
     @property
     def drives(self) -> dict[tuple[str, int], WallDrive]:
-        """Effect of the motors on walls; a key consists of the name of a chain and a charge.
-
-        Anti-kinks without a path of stable states are omitted.
-        """
+        """Effect of the motors on walls with a path of stable states, by chain name and charge."""
         found = {}
         for name, chain in self.chains.items():
             for charge in (1, -1):

@@ -88,8 +88,8 @@ def stability_limit(chain: Chain) -> float:
 
         I lambda^2 + c lambda + I omega(k)^2 + 2 i kappa sin(k) = 0
 
-    for the moment of inertia I and the phonon frequency omega. It decays if 2 kappa abs(sin(k)) <
-    c omega(k).
+    for the moment of inertia I and the phonon frequency omega. The wave decays if 2 kappa
+    abs(sin(k)) < c omega(k).
     """
     waves = np.linspace(1e-3, math.pi - 1e-3, 2000)
     return float((dispersion(chain, waves / chain.spacing) / (2 * np.sin(waves))).min())
@@ -210,10 +210,7 @@ def terminal_velocity(task: ActiveTask, run: ActiveRun) -> tuple[float, float]:
 
 
 def moving(chain: Chain, site: float, charge: int, velocity: float) -> tuple[Array, Array]:
-    """Return the angles [rad] and rates [rad/s] of a chain with a wall that moves at `velocity`.
-
-    Both have shape (N,). The unit of `velocity` is [rotor spacings/s].
-    """
+    """Return angles [rad] and rates [rad/s], (N,), with a wall of `velocity` [spacings/s]."""
     build = static_wall if charge > 0 else continuum_anti_kink
     here = build(chain, site)
     ahead = build(chain, site + _AHEAD)

@@ -51,7 +51,7 @@ class FilmStudy:
         return len(self.films) * self.clips
 
     def cells(self, row: int) -> list[str]:
-        """Render and measure the clip of a row; the first clips of all films come first."""
+        """Render and measure the clip of a row; rows are sorted by clip, then by film."""
         clip, film = divmod(row, len(self.films))
         name, task = list(self.films.items())[film]
         stretch = float(np.random.default_rng(row).uniform(*_KICKS))

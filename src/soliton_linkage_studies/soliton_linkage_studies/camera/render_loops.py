@@ -32,10 +32,7 @@ Boxes = NDArray[np.int64]
 
 
 class Pixels(NamedTuple):
-    """Point (x, z) of the rotor plane that each pixel shows, and the blur of the pixel there [m].
-
-    Each array has the shape (height, width).
-    """
+    """Point (x, z) of the rotor plane that each pixel shows, and its blur [m], (height, width)."""
 
     x: Array
     z: Array
@@ -46,11 +43,6 @@ _PIXELS = named_tuple(Pixels, f8_2d, f8_2d, f8_2d)
 
 
 def _covered(distance: float, spread: float) -> float:
-    """Return the fraction of a pixel that a shape covers.
-
-    `distance` is the distance from the pixel to the edge of the shape [m], negative for pixels
-    inside the shape. `spread` is the blur of the pixel [m].
-    """
     share = distance / spread
     if share > 4.0:
         return 0.0
@@ -85,11 +77,6 @@ def _shares_of_rotor(
     arm: float,
     spread: float,
 ) -> tuple[float, float, float, float]:
-    """Return the fractions of a pixel that show arm, label, dot and background, as sums over k.
-
-    (x, z) is the pixel and (`across[k]`, `up[k]`) the mass at instant k, relative to the pivot
-    [m].
-    """
     of_arm = of_label = of_dot = of_rest = 0.0
     for k in range(len(across)):
         from_mass = math.hypot(x - across[k], z - up[k])

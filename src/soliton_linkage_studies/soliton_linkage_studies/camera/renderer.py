@@ -20,8 +20,7 @@ from soliton_linkage.vision.plane import ChainPlane
 from soliton_linkage_studies.camera.render_loops import Pixels, expose, paint_bonds, paint_rotors
 
 Motion = Callable[[Array], tuple[Array, Array, Array]]
-"""Function from times [s], shape (T,), to angles, rates and accelerations, each of shape (T,
-N)."""
+"""Function from times [s], (T,), to angles, rates and accelerations, (T, N) each."""
 
 _BOARD = (172, 180, 176)
 """RGB colour of the board behind the chain [0 to 255]."""

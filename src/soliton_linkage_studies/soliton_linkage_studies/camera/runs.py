@@ -45,13 +45,11 @@ _FILLED = 1.12
 _SWAPPED = 0.1
 """A measured angle counts as that of another rotor if its error is larger than this [rad]."""
 _SETTLING = 10
-"""Number of pictures at the start that are not evaluated [1]: the chain plane is still
-inaccurate."""
+"""Number of first pictures that are not evaluated [1]; the chain plane is inaccurate in them."""
 _HAND_EVERY, _HAND_FOR = 10.0, 0.7
-"""A hand covers part of the view once per the first time, for the second time [s]."""
+"""Time from one hand that covers part of the view to the next, and duration of each hand [s]."""
 _TURN = 0.01
-"""Derivatives of pixels by the angles are differences between plus and minus this rotation
-[rad]."""
+"""Pixel derivatives are central differences for rotor rotations by plus and minus this [rad]."""
 
 
 @dataclass(frozen=True)
@@ -111,8 +109,7 @@ class FilmedRun:
     stated: Array
     """Stated standard deviations of the angles [rad], (F, N)."""
     bound: float
-    """Cramer-Rao bound of the standard deviation of an angle, given the pixels of its label
-    [rad]."""
+    """Cramer-Rao bound of the standard deviation of an angle from the pixels of a label [rad]."""
     busy: float
     """CPU time of the measurement per picture [s]."""
 

@@ -175,10 +175,7 @@ def _draw_critical(report: FigureReport, axes: Axes, series: dict[str, list[Row]
 
 
 def _outcome(row: Row) -> int | None:
-    """Return the number of overlaps, at most 4, after which the walls escaped.
-
-    None means a captured pair, and -1 a destroyed anti-kink.
-    """
+    """Return the number of overlaps (at most 4) before escape, -1 if broken, None if captured."""
     after = escaped_after(row)
     if row.run and row.run.broken:
         return -1
@@ -207,8 +204,7 @@ state.
 _SHOWN = 40.0
 """Width of the part of the ring that a panel shows, divided by `Collision.reach` [1]."""
 _AFTERWARDS = 35.0
-"""A collision is drawn until this time after free walls would meet, divided by `Collision.unit`
-[1]."""
+"""A collision is drawn until this time after free walls would meet [`Collision.unit`]."""
 _LARGEST = 1.6
 """The colour scale of the order field ends at plus and minus this [1]; all values are smaller."""
 _SPACETIME_COLUMNS = 3

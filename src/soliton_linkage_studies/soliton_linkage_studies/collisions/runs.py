@@ -36,14 +36,11 @@ _NEAR = 7.0
 _LEAVING = 5.0
 """The speed after a collision is that of the walls at larger distances than this [reaches]."""
 _FRAMES = 10
-"""Number of frames in the time in which sound crosses a reach [1]. An overlap lasts at least this
-time, so that none lies between two frames."""
+"""Number of frames while sound crosses a reach [1]; no overlap is shorter than this time."""
 _CORE = 4.0
-"""Energy within this distance of a wall counts as energy of the wall [reaches]; a fraction e^(-16)
-of the energy of a wall is farther away."""
+"""Energy within this distance of a wall counts as energy of the wall [reaches]."""
 _LUMP = 8.0
-"""Energy within this distance of the middle of the ring counts as energy of a captured pair
-[reaches]; the walls of a pair stay within half this distance."""
+"""Energy within this distance of the middle of the ring belongs to a captured pair [reaches]."""
 _FEWEST = 5
 """Smallest number of frames from which a speed is fitted [1]; escaped walls have 30 or more."""
 _TOLERANCE = 1e-10
@@ -144,10 +141,7 @@ class CollisionRun:
 
 @dataclass(frozen=True)
 class WallPaths:
-    """Paths of both walls, which limit the part of the ring that leans left.
-
-    Positions are NaN in frames in which no rotor leans left.
-    """
+    """Paths of both walls, between which the ring leans left; NaN if no rotor leans left."""
 
     times: Array
     """Times of the frames [s], shape (T,)."""
@@ -162,7 +156,7 @@ class WallPaths:
         return np.asarray(self.anti_kinks - self.kinks)
 
     def part(self, which: slice) -> WallPaths:
-        """Return the paths in some of the frames."""
+        """Return the paths in the frames `which`."""
         return WallPaths(self.times[which], self.kinks[which], self.anti_kinks[which])
 
     def joined(self, later: WallPaths) -> WallPaths:

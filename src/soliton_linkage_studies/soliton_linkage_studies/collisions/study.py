@@ -18,8 +18,7 @@ from soliton_linkage_studies.settings import Section
 from soliton_linkage_studies.sweep.table import markdown_table
 
 TURNING = ('back', 'onwards')
-"""Whether the anti-kink turns the rotors of a spinner back, or onwards in the direction of the
-kink."""
+"""Whether the anti-kink turns the rotors of a spinner back, or onwards as the kink does."""
 _SETTINGS = {
     'length': (30.0, 1000.0),
     'step': (1e-3, 2.0),
@@ -28,7 +27,7 @@ _SETTINGS = {
 }
 """Numeric settings of a collision, each with its smallest and its largest value."""
 _QUICK_EVERY = 40
-"""A quick study uses the first of each group of this number of successive speeds [1]."""
+"""A quick study uses only every n-th speed, for this number n [1]."""
 _QUICK_HALVINGS = 2
 """Number of bisections in a quick study [1]."""
 _HALVINGS = 13
@@ -50,7 +49,7 @@ class WindowEdge:
     halvings: int
 
     def __call__(self) -> tuple[float, CollisionRun]:
-        """Return the speed at the edge, and the run inside the window that is nearest to it.
+        """Return the speed at the edge, and the run nearest to the edge inside the window.
 
         Raises ValueError unless the walls escape after `collisions` overlaps at the speed
         `inside`, but not at the speed `outside`.
@@ -386,11 +385,7 @@ def _variation_table(series: dict[str, list[Row]]) -> str:
 
 
 def _critical_table(series: dict[str, list[Row]]) -> str:
-    """Return a table of the critical speeds of rings with different lean ratios d.
-
-    The last row of a series is the limit d -> 0, extrapolated linearly in d^2 from the first two
-    rings of the series.
-    """
+    """Return a table of critical speeds and, for each series, the limit d -> 0 (linear in d^2)."""
     lines = []
     for name, rows in series.items():
         found = [(float(row.name), row.speed) for row in rows if row.run]

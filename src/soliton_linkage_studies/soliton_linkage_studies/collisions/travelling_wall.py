@@ -2,9 +2,9 @@
 """Travelling walls that change their shape as little as possible in the discrete chain.
 
 A wall of velocity v that keeps its shape turns the rotors of parity p (0 even, 1 odd) to the
-angles phi_n(t) = f_p(n a - v t), with
+angles phi_n(t) = f_p(n a - v t). At the rotor n, with x = n a - v t, the equation of motion is
 
-    I v^2 f_p''(x) = torque of the springs (f_(1-p)(x - a), f_p(x), f_(1-p)(x + a)).
+    I v^2 f_p''(x) = spring torque for the angles f_(1-p)(x - a), f_p(x), f_(1-p)(x + a).
 
 The functions f_p are computed on a grid. The solver minimises the squared residual plus a penalty
 on tails that are not at rest. No exact solution exists, because a wall of a few rotors radiates a
@@ -143,10 +143,7 @@ class _Grid:
         return np.concatenate([even, np.pi - odd])
 
     def correction(self, angles: Array, start: Array, moving: float) -> Array:
-        """Return the Gauss-Newton step from `angles` [rad] that does not shift the wall.
-
-        `moving` is the moment of inertia times the squared wall speed [grid points/s].
-        """
+        """Return the Gauss-Newton step from `angles` [rad] that does not shift the wall."""
         free, chain = self._free, self.chain
         torques = np.empty_like(angles)
         torques[self._index] = chain.spring_torques(angles[self._index])
@@ -184,10 +181,7 @@ class _Grid:
         return csr_array((entries, (rows, columns)), shape=(len(angles), len(angles)))
 
     def _derivative(self, weights: tuple[float, ...], mirrored: int) -> csr_array:
-        """Return the matrix of a stencil, given the weights of the centre and of the points ahead.
-
-        The weights of the points behind are those of the points ahead times `mirrored`, +1 or -1.
-        """
+        """Return a stencil matrix; weights behind are those ahead times `mirrored` (+1 or -1)."""
         reach = len(weights) - 1
         offsets = list(range(-reach, reach + 1))
         values = [weights[abs(k)] * (1 if k >= 0 else mirrored) for k in offsets]

@@ -76,7 +76,7 @@ _LEAST = 1e-17
 """Smaller imbalances are drawn at this value [1], which is below all rounding errors."""
 _TIME = 'time [s]'
 _ROOM = 0.25
-"""Height left free for the legend above the wall positions / range of the positions [1]."""
+"""Height left free for the legend above the wall positions, divided by their range [1]."""
 
 
 def entitle(panels: Mapping[str, Axes]) -> None:

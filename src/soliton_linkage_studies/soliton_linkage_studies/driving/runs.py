@@ -39,7 +39,7 @@ _KEYS = ('step', 'work', 'energy_balance', 'stiffness', 'tilt', 'moves')
 _WORK_PERIOD = 0.002
 """Frame period of a chain with an actuator [s], a small fraction of the filling time."""
 _SHORT = 1.0
-"""Duration of the energy balance with `--quick` [s], about three times `_EVENT_FRAMES`."""
+"""Duration of the energy balance with `--quick` [s]."""
 
 
 @dataclass(frozen=True)
@@ -172,9 +172,9 @@ _EVENT_FRAMES = 30
 """Number of frames in a span [1]. Each span contains one kick and one change of gravity; torques
 act in every second span."""
 _KICK_FRAME = 10
-"""Number of the frame in a span at which the kick occurs [1]."""
+"""Index of the frame in a span at which the kick occurs [1]."""
 _TURN_FRAME = 20
-"""Number of the frame in a span at which gravity changes [1], far from the kick."""
+"""Index of the frame in a span at which gravity changes [1], far from the kick."""
 _CROSSING_FRAMES = 200
 """Number of frames of a simulated crossing [1]; a wall moves by less than a spacing per frame."""
 

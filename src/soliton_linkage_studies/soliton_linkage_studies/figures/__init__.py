@@ -14,6 +14,6 @@ from soliton_linkage_studies.program import Registry
 from soliton_linkage_studies.settings import Section
 
 DrawFigure = Callable[[Section, bool], FigureReport]
-"""Function that draws a figure from its settings; the flag reduces the number of points."""
+"""Function that draws a figure from its settings; if the flag is true, with fewer points."""
 
 FIGURES: Registry[DrawFigure] = Registry()

@@ -42,7 +42,7 @@ _TITLES = (
     'c  a wall at rest,   d  the horizontal projections of its rotors',
 )
 _LONG = 400
-"""Number of rotors of a chain that differs from the infinite chain by less than 1e-4 [1]."""
+"""Number of rotors of a chain on which values of the infinite chain are measured to 1e-4 [1]."""
 
 
 @FIGURES.add('figure_1')

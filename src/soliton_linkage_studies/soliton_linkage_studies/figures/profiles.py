@@ -278,6 +278,5 @@ def _draw_offset(report: FigureReport, axes: Axes, chain: Chain, wall: WallAtSpe
 
 
 def _width_at_rest(chain: Chain) -> float:
-    """Return the arctanh width of a wall at rest, divided by the theoretical width [1]."""
     found = arctanh_width(*static_profile(chain, (chain.number_of_rotors - 1) / 2))
     return found * chain.spacing / chain.wall_width

@@ -28,7 +28,7 @@ def convergence_order(stiffnesses: ArrayLike, distances: ArrayLike) -> float:
 
 
 def draw_convergence(axes: Axes, stiffnesses: ArrayLike, distances: ArrayLike, label: str) -> None:
-    """Draw angle deviations [rad] against stiffnesses [N/m], and a line of slope -1."""
+    """Draw angle deviations [rad] against stiffnesses [N/m], and a line of slope -1 (log axes)."""
     across, up = np.asarray(stiffnesses), np.asarray(distances)
     first_order = up[-1] * across[-1] / across
     axes.loglog(across, up, 'o', color=MEASURED, label=label)
@@ -45,8 +45,7 @@ from the chain of rigid bars, over all rotors and times, against the stiffness (
 line has slope −1 and passes through the last dot.
 """
 _TRACKED = 3
-"""Number of the smallest stiffnesses whose wall paths are drawn [1], because more would
-overlap."""
+"""Number of the smallest stiffnesses whose wall paths are drawn [1]."""
 _PATH = ('time [sqrt(M/k_e)]', 'wall at rotor [rotor spacings]')
 
 

@@ -112,7 +112,6 @@ def figure_s2(section: Section, quick: bool) -> FigureReport:
 
 
 def _slow_snapshots(chain: Chain, count: int) -> Snapshots:
-    """Return frames of rigid bars, with the wall at `count` positions within one rotor spacing."""
     start = static_wall(chain, chain.number_of_rotors // 2 - 0.5)
     period = site_arc(chain) / count
     simulation = RigidSimulation(chain, start, mode_towards_last(chain, start), period)

@@ -121,9 +121,9 @@ class InsulatorScene(Scene):
 def driven(chain: Chain, frequency: float) -> Array:
     """Return the steady response of the right-leaning chain to a torque on rotor 0, shape (N,).
 
-    The result is complex amplitudes x divided by that of rotor 0 [1], with (K - omega^2 I + i
-    omega damping) x = torque, `frequency` omega [rad/s], stiffness matrix K and moments of inertia
-    I.
+    The complex amplitudes x obey (K - omega^2 I + i omega damping) x = torque with omega =
+    `frequency` [rad/s], stiffness matrix K and moments of inertia I. They are divided by that of
+    rotor 0.
     """
     stiffness = stiffness_matrix(chain, chain.uniform_state(1)).toarray()
     inertia = np.diag(-(frequency**2) * chain.moments_of_inertia + 1j * frequency * chain.dampings)

@@ -83,8 +83,7 @@ def scene_of(film: Film) -> Scene:
 _CODEC = 'libx264'
 _QUALITY = ('-crf', '20', '-preset', 'veryfast', '-movflags', '+faststart')
 SHRINKING = 2
-"""Factor by which the width and height of a GIF are divided [1], so that the GIF fits in
-memory."""
+"""Factor by which the width and height of a GIF are divided [1], because it must fit in memory."""
 
 
 @dataclass(frozen=True)
@@ -138,7 +137,6 @@ class _Painter(FFMpegWriter):
     """FFmpeg writer of rendered pixels; the inherited `grab_frame` draws all artists again."""
 
     def write(self, pixels: memoryview) -> None:
-        """Write the RGBA pixels of one frame."""
         process: Any = vars(self)['_proc']
         process.stdin.write(pixels)
 

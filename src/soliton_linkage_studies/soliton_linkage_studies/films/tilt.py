@@ -110,7 +110,6 @@ class TiltScene(Scene):
 
 
 def _fallen(motion: Tilting, tilts: Array, period: float) -> Array:
-    """Return the angles in each frame [rad], (frames, N); the tilt changes only at frames."""
     chain = motion.chain
     start = chain.uniform_state(-1)
     field = Gravity(motion.acceleration, float(tilts[0]))

@@ -75,8 +75,7 @@ class SweepStudy:
     name: str
     measure_name: str
     parameters: dict[str, Value]
-    """Parameters that all points share, by name; an axis replaces the parameter of the same
-    name."""
+    """Parameters of all points by name; an axis replaces the parameter of the same name."""
     axes: tuple[Axis, ...]
     seeds: tuple[int, ...]
 
@@ -107,10 +106,7 @@ class SweepStudy:
 
     @property
     def together(self) -> int:
-        """Largest number of rows that `cells_of` measures in one call [1].
-
-        Compiled loops that send walls through chains are efficient from eight chains on.
-        """
+        """Largest number of rows that `cells_of` measures in one call [1]."""
         return 8 if self.measure.sends_wall else 1
 
     def cells(self, row: int) -> list[str]:
@@ -291,7 +287,6 @@ def _seeds(settings: Section) -> tuple[int, ...]:
 
 
 def _check(settings: Section, study: SweepStudy) -> None:
-    """Raise ValueError for too many rows, and for axis values with which no chain exists."""
     if study.rows > _MOST_ROWS:
         count = f'gives {study.rows} rows, more than {_MOST_ROWS}'
         raise settings.error('sweep', f'{count}; reduce the points or the seeds')

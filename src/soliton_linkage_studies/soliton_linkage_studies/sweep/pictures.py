@@ -49,7 +49,7 @@ _CLASS_LABELS = {
     'lost': 'does not cross',
 }
 _ASIDE = 0.16
-"""Offset between the error bars of different curves / smallest distance between two points [1]."""
+"""Offset between error bars of different curves, divided by the smallest point distance [1]."""
 _NAMES = {
     'rotor_length_ratio': ('$r/a$', 'rotor length / spacing, $r/a$ [1]'),
     'rotor_length': ('$r$ [m]', 'rotor length $r$ [m]'),
@@ -115,7 +115,7 @@ def curve_axes(axes: Sequence[Axis]) -> tuple[Axis, list[Axis]]:
 
 
 def shows_limits(axes: Sequence[Axis]) -> bool:
-    """Return whether the axes of a map are those of the theoretical limits of motion classes."""
+    """Return whether the axes are r / a and rest angle, so that limits of classes can be drawn."""
     return {axis.name for axis in axes} == {'rotor_length_ratio', 'rest_angle'}
 
 
@@ -147,7 +147,6 @@ def _draw_map(axes: Axes, study: SweepStudy, rows: Sequence[dict[str, str]]) -> 
 
 
 def _draw_limits(axes: Axes, across: Axis, up: Axis) -> None:
-    """Draw d = 1 and d = d_c = 2 / sin(theta_bar) on a map of r / a and theta_bar."""
     if not shows_limits((across, up)):
         return
     limits = axes.get_xlim(), axes.get_ylim()
@@ -244,7 +243,6 @@ def _label_classes(axes: Axes, classes: Sequence[str], seeds: int) -> None:
 
 
 def _scale_axes(axes: Axes, across: Axis, up: Axis | None) -> None:
-    """Label both axes. Logarithmic axes have plain labels at 1, 2 and 5 of each decade."""
     for axis, set_scale, parameter in (
         (axes.xaxis, axes.set_xscale, across),
         (axes.yaxis, axes.set_yscale, up),
@@ -278,7 +276,7 @@ def _positions(axis: Axis) -> Array:
 
 
 def _beside(axis: Axis, aside: float) -> Array:
-    """Return the coordinates of the axis values, shifted by `aside` smallest distances."""
+    """Return the axis values as coordinates, shifted by `aside` times their smallest distance."""
     scaled = np.log(_positions(axis)) if axis.logarithmic else _positions(axis)
     least = float(np.diff(np.sort(scaled)).min()) if len(scaled) > 1 else 1.0
     moved = scaled + aside * least

@@ -67,8 +67,7 @@ _TIME = 'time [s]'
 _FEW = 10.0
 """A vibration counts as localised if its participation number is below this [rotors]."""
 _PACKET = (10.0, 0.01)
-"""Number of cycles [1] and amplitude [rad] of the small burst whose packet velocity is
-measured."""
+"""Cycles [1] and amplitude [rad] of the small burst whose packet velocity is measured."""
 _SITES = 33
 """Number of kink sites, over two rotor spacings, at which the spectrum is computed [1]."""
 

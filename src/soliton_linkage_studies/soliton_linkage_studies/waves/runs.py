@@ -67,8 +67,7 @@ class WaveTask:
     duration: float
     """Duration of the simulation [s]."""
     site: float | None = None
-    """Initial site of the kink [rotor spacings], or None for a left-leaning chain without a
-    kink."""
+    """Initial site of the kink [rotor spacings]; None for a left-leaning chain without a kink."""
     frames: int = 400
 
     def __call__(self) -> WaveRun:
@@ -113,7 +112,7 @@ class WaveRun:
 
     @property
     def displacement(self) -> float:
-        """Site of the kink, averaged over the last fifth of the frames, minus the first site."""
+        """Mean displacement of the kink in the last fifth of the frames [rotor spacings]."""
         return float(np.mean(self._last) - self.sites[0])
 
     @property
@@ -127,17 +126,14 @@ class WaveRun:
 
 
 def energy_per_rotor(chain: Chain, recording: Recording) -> Array:
-    """Return the energy of each rotor with half the energy of each of its springs [J], (T, N)."""
+    """Return the kinetic energy of each rotor plus half the energy of its springs [J], (T, N)."""
     of_springs = 0.5 * chain.stiffnesses * chain.spring_extensions(recording.angles) ** 2
     kinetic = 0.5 * chain.moments_of_inertia * recording.rates**2
     return kinetic + chain.gathered(of_springs / 2, of_springs / 2)
 
 
 def analysed_sites(chain: Chain, recording: Recording) -> Array:
-    """Return the site that the analyser estimates in each frame [rotor spacings], shape (T,).
-
-    The site is NaN if the analyser does not find exactly one wall.
-    """
+    """Return the site [rotor spacings], (T,), where the analyser finds the only wall, or NaN."""
     analyser, sites = Analyser(chain), []
     for time, angles in zip(recording.times, recording.angles, strict=True):
         analysis = analyser.analyse(round(1e9 * time), angles)
@@ -147,10 +143,7 @@ def analysed_sites(chain: Chain, recording: Recording) -> Array:
 
 
 def group_velocity(chain: Chain, frequency: float) -> float:
-    """Return the group velocity abs(d omega / dk) of phonons [rotor spacings/s].
-
-    The result is 0 if `frequency`, the angular frequency [rad/s], is outside the phonon band.
-    """
+    """Return the group velocity [rotor spacings/s] at `frequency` [rad/s], 0 outside the band."""
     low, high = band_edges(chain)
     if not low < frequency < high:
         return 0.0
