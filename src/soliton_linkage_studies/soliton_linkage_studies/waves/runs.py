@@ -143,7 +143,7 @@ def analysed_sites(chain: Chain, recording: Recording) -> Array:
 
 
 def group_velocity(chain: Chain, frequency: float) -> float:
-    """Return the group velocity [rotor spacings/s] at `frequency` [rad/s], 0 outside the band."""
+    """Return the group velocity [rotor spacings/s] at `frequency` [rad/s], or 0 if none exists."""
     low, high = band_edges(chain)
     if not low < frequency < high:
         return 0.0
