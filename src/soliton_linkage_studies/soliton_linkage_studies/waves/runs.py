@@ -133,7 +133,10 @@ def energy_per_rotor(chain: Chain, recording: Recording) -> Array:
 
 
 def analysed_sites(chain: Chain, recording: Recording) -> Array:
-    """Return the site [rotor spacings], (T,), where the analyser finds the only wall, or NaN."""
+    """Return the site that the analyser estimates in each frame [rotor spacings], shape (T,).
+
+    The site is NaN if the analyser does not find exactly one wall.
+    """
     analyser, sites = Analyser(chain), []
     for time, angles in zip(recording.times, recording.angles, strict=True):
         analysis = analyser.analyse(round(1e9 * time), angles)
@@ -143,7 +146,7 @@ def analysed_sites(chain: Chain, recording: Recording) -> Array:
 
 
 def group_velocity(chain: Chain, frequency: float) -> float:
-    """Return the group velocity [rotor spacings/s] at `frequency` [rad/s], or 0 if none exists."""
+    """Return the group velocity of phonons [rotor spacings/s], 0 if none has this `frequency`."""
     low, high = band_edges(chain)
     if not low < frequency < high:
         return 0.0
