@@ -28,8 +28,7 @@ from soliton_linkage.linkage.chain import Array, Chain
 _MOST_STEPS = 30
 """Largest number of Gauss-Newton steps in one run of the iteration [1]; 6 to 15 are usual."""
 _RESTARTS = 3
-"""Largest number of runs of the iteration [1]; each one starts with the result of the previous
-one."""
+"""Largest number of runs of the iteration [1]; each starts with the result of the previous one."""
 _HALVINGS = 8
 """Largest number of step lengths that are tried [1]: the full step, its half, its quarter, ..."""
 _NOISE_OF_COST = 1.0
@@ -38,8 +37,7 @@ linearisation of the misclosures causes errors of this size."""
 _CONVERGED = 0.05
 """The iteration ends after a step whose Mahalanobis length is smaller than this [1]."""
 _TOLERANCE_CHANGE = 0.05
-"""The iteration ends only after a step that changes no tolerance by more than this fraction
-[1]."""
+"""The iteration continues while a step changes a tolerance by more than this fraction [1]."""
 
 
 @dataclass(frozen=True)

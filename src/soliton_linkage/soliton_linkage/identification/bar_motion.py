@@ -45,8 +45,7 @@ from soliton_linkage.orbit.orbit import Orbit
 _GRID = 0.03
 """Step between the arc lengths of `_OrbitTable` [rad]; at 0.5x, masses change by 1e-4."""
 _SLIDING = 0.1
-"""Rate w above which dry friction is nearly constant [rad/s]; rotors in a wall turn much
-faster."""
+"""Rate w above which dry friction is nearly constant [rad/s]; rotors in walls turn faster."""
 _ROUNDS = 2
 """Number of times that the prior of the log masses is estimated and the fit is repeated [1]."""
 _KNOWN = 1e-6

@@ -50,7 +50,7 @@ class Misclosures(NamedTuple):
     second: Array
     """Derivatives by the angle of the right rotor, df_n / dphi_{n+1} [m/rad]."""
     slopes: Array
-    """Derivatives of f_n by r_n, o_n, a_n, l_n, r_{n+1} and o_{n+1} (see `lengths`), (N - 1, T,
+    """Derivatives of f_n by log r_n, o_n, log a_n, log l_n, log r_{n+1}, o_{n+1}, (N - 1, T,
     6)."""
 
     def torques(self, forces: Array) -> Array:
@@ -158,8 +158,7 @@ class Bundle:
         ]
         self.angles = np.array(interpolated) - lengths.offsets[:, None]
         self.normal: NormalEquations
-        """Normal equations at the estimated angles; only results of `closed` have this
-        attribute."""
+        """Normal equations at the estimated angles; they exist only in results of `closed`."""
 
     def closed(self, lengths: Lengths) -> Bundle:
         """Return a bundle with other lengths, whose angles are corrected until all bonds close."""
@@ -198,8 +197,7 @@ class Bundle:
         """Return both sides of the normal equations of the P unknowns and of K N encoder errors.
 
         The size of an encoder error times its shape is added to the readings of a rotor. `shapes`,
-        (K, N, T), contains K shapes for each rotor. The left side of the equations is a matrix, (P
-        + K N, P + K N).
+        (K, N, T), contains K shapes for each rotor. The left side has shape (P + K N, P + K N).
         """
         rotors, size = self.lengths.rotors, UNKNOWNS_PER_ROTOR * self.lengths.rotors - 2
         every = size + len(shapes) * rotors

@@ -10,8 +10,8 @@ S:
     S = D - B^T A^-1 B,    g = (c - B^T A^-1 b) / S.
 
 Wrong lengths can cause the same residuals as an error of an inner encoder only if the lengths of
-neighbouring bonds change together, which the prior makes improbable. Errors of the encoders at the
-edges are less certain.
+neighbouring bonds change together, which the prior makes improbable. Errors of edge encoders are
+less certain.
 """
 
 from __future__ import annotations

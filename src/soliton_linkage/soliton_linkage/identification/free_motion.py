@@ -37,8 +37,7 @@ from soliton_linkage.identification.motion_loops import (
 from soliton_linkage.linkage.chain import Array
 
 _LONGEST_STEP = 0.4
-"""Integration steps are at most this / `FreeMotion.fastest` [1]; angle errors are below 2e-5
-rad."""
+"""Integration steps are at most this / `FreeMotion.fastest` [1]; angle errors are < 2e-5 rad."""
 _BATCH = 32
 """Number of frames with sensitivities in memory at a time; for 40 rotors they need 3 MB."""
 _SLIDING = 0.1

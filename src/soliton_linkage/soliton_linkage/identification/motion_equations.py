@@ -243,8 +243,8 @@ def estimated_stamps(
     `stamps` are the recorded times [s], and `noise` is the standard deviation of a reading [rad].
 
     The delay of a frame is estimated from its residuals, because a delay causes residuals that are
-    proportional to the rates. Errors of the model cause apparent delays, too, but these vary
-    slowly. Therefore the variance of the stamp errors is computed from second differences of the
+    proportional to the rates. Errors of the model also cause apparent delays, but these vary
+    slowly. Therefore the variance of stamp errors is computed from second differences of the
     delays.
     """
     delays, weights = np.zeros((2, len(stamps)))

@@ -54,8 +54,8 @@ _LAST_STEPS = 40
 _ROUNDS = 4
 """Largest number of times that the tolerances are estimated and the motion is fitted again [1]."""
 _CONVERGED = 0.1
-"""The fit of the longest windows ends when -2 log likelihood is expected to decrease by less than
-this in a step [1]."""
+"""The fit of the longest windows ends when the expected decrease of -2 log likelihood in a step is
+smaller than this [1]."""
 _COARSE = 0.1
 """The fit of shorter windows ends when the expected decrease of -2 log likelihood in a step,
 divided by the number of unknowns, is smaller than this [1]."""
@@ -86,8 +86,7 @@ _DAMPINGS = 12
 """Largest number of damping factors that are tried for one step [1]; each is four times the
 previous one, and the last one is about 100."""
 _FASTEST = 100.0
-"""A motion is rejected if `FreeMotion.fastest` times the frame interval is larger than this
-[1]."""
+"""A motion is rejected if `FreeMotion.fastest` times the frame interval exceeds this [1]."""
 _LONGEST_STEP = 1.0
 """Largest change of a log length, stiffness or mass in a step [1]; longer steps are shortened."""
 _FAR = 5.0

@@ -70,8 +70,7 @@ class _Curve(NamedTuple):
     room: float
     """Squared length of the fitted bond, relative to the smallest that lets a wall pass [1]."""
     backward: bool
-    """Whether K_1 and K_2 are negative: the joints are exchanged, or both have half-turn
-    errors."""
+    """Whether K_1, K_2 < 0: the joints are exchanged, or both have errors of half a turn."""
 
     @property
     def strange(self) -> bool:
@@ -119,9 +118,8 @@ def check_mounting(readings: Array, names: Sequence[str]) -> None:
 def zeros_explain(readings: Array, errors: Array) -> bool:
     """Return whether zero errors [rad], (N,), explain all pairs that do not move like neighbours.
 
-    This requires that the correction of the errors reduces the misfits of the fitted curves. If a
-    rotor between two joints is missing instead, the correction increases the misfits of the
-    adjacent pairs.
+    This requires that a correction of the errors reduces the misfits of the fitted curves. The
+    correction increases them if a rotor is missing between two joints.
     """
     curves, corrected = _curves(readings), _curves(readings - errors)
     wrong = errors != 0

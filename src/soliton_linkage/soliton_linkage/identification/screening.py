@@ -137,9 +137,8 @@ _LONGEST_RUN = 3
 """A run of successive wrong readings of a rotor is removed if it is not longer than this [1]; a
 longer run may be a slip of the encoder."""
 _SPARSE = 3.0
-"""A frame interval is long if it is more than this times the `_DENSE_FRAMES` quantile of all
-intervals [1]. A rotor may turn far in a long interval, which looks like a wrong reading or a
-slip."""
+"""A frame interval is long if it exceeds this times the `_DENSE_FRAMES` quantile of all intervals
+[1]. A rotor may turn far in a long interval, which looks like a wrong reading or a slip."""
 _DENSE_FRAMES = 0.05
 """Quantile of the frame intervals that is used as the interval without gaps [1]."""
 _PASSES = 6

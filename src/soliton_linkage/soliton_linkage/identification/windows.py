@@ -28,12 +28,11 @@ _MERGED = 4
 """Largest number of windows that are merged at a time [1]; at 2x, the wall that the first motion
 predicts may be too far from the recorded one."""
 _LONGEST_WINDOW = 1600
-"""Largest number of frames in a merged window; in longer windows, angles depend less linearly on
-the unknowns."""
+"""Largest number of frames in a merged window; in longer windows, the fit is less linear."""
 _DENSE_FRAMES = 0.05
-"""Frame intervals are averaged over `_RATE_FRAMES` frames; this quantile of the averages is used
-as the interval without gaps [1]. Windows end at intervals of more than `_RATE_FRAMES` times that
-interval."""
+"""Frame intervals are averaged over `_RATE_FRAMES` frames, and this quantile of the averages
+counts as typical [1]. Windows end at intervals of more than `_RATE_FRAMES` times the typical
+one."""
 
 
 class FreeWindow(NamedTuple):
@@ -96,8 +95,8 @@ def merge_windows(
 ) -> tuple[FreeWindow, ...]:
     """Merge adjacent windows if the motion of the first one also fits the second one.
 
-    `fits` decides this from the merged window, with the motion of the first one, and from the
-    frames of the second one.
+    `fits` decides this from the merged window, with the motion of the first one, and the frames of
+    the second one.
     """
     merged: list[FreeWindow] = []
     count = 0
@@ -175,8 +174,7 @@ class MotionPrior:
     mass_deviation: float = INITIAL_MASS_DEVIATION
     """Prior standard deviation of the logarithms of masses and stiffnesses [1]."""
     shift: Array | float = 0.0
-    """Shift of the prior mean, (Q - 2 N,), in the fit of a sample of the posterior; otherwise
-    0."""
+    """Shift of the prior mean, (Q - 2 N,), for a sample of the posterior; otherwise 0."""
 
     def evaluate(self, motion: FreeMotion) -> tuple[Array, Array]:
         """Return the prior information, and the unknowns of the chain minus their prior mean.

@@ -27,19 +27,15 @@ _MICROSECOND = 1000
 _SECOND = 10**9
 """Duration of a second [ns]."""
 _INTERVALS = 64
-"""Number of intervals in the fit [1]; at 0.5x, the error doubles; at 2x, a fit takes 4x as
-long."""
+"""Number of intervals in the fit [1]; at 0.5x, errors double; at 2x, a fit takes 4x as long."""
 _FIRST_INTERVAL = 1 / 16
-"""Duration of the first intervals [s]; short, because the drift is known only after two of
-them."""
+"""Duration of the first intervals [s]; the drift is known after two of them."""
 _LONGEST_INTERVAL = 2.0
-"""Longest duration of later intervals [s]; at 0.5x, the line follows changes of the drift
-faster."""
+"""Longest duration of later intervals [s]; at 0.5x, the line follows the drift faster."""
 LARGEST_DRIFT = 0.01
 """Largest accepted drift of a clock [1]; the resonator of an Arduino Uno has half this drift."""
 _FROM_THE_FUTURE = 0.25
-"""A measurement that is later than its arrival by more than this [s] shows a restart of the
-clock."""
+"""If a measurement is later than its arrival by more than this [s], the clock has restarted."""
 _FROM_THE_PAST = 10.0
 """Largest accepted delay [s]; a larger delay means that the controller's clock has stopped."""
 _SMALLEST_JUMP = 1e-3

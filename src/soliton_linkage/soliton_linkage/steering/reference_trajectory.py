@@ -20,8 +20,7 @@ from soliton_linkage.orbit.orbit import Orbit
 from soliton_linkage.steering.settings import DEFAULTS, SteeringSettings
 
 _SAMPLES = 2048
-"""Number of samples of t_n(s), so that t_n(q) has decayed to 0 at the highest wave number q
-[1]."""
+"""Number of samples of t_n(s) [1]; t_n(q) has decayed to 0 at the highest q."""
 _PEAK = 15 / 8
 """Ratio of the largest rate to the mean rate of a trajectory from rest to rest [1]."""
 _EXTENSION = 1.1

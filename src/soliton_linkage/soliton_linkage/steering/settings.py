@@ -28,8 +28,7 @@ class SteeringSettings(CheckedQuantities):
     accuracy of the final position does not change."""
 
     latency: int = quantity(1, 'delay from a frame until its torques act', 'frames', 0)
-    """Sensitivity: an error of 2 frames has no effect; with an error of 5 frames, walls may be
-    lost."""
+    """Sensitivity: an error of 2 frames has no effect; with one of 5 frames, walls may be lost."""
 
     radiated_share: float = quantity(
         1e-5, 'fraction of the energy of a soliton that one rotor may radiate', '', 1e-12, 1.0
@@ -149,9 +148,8 @@ class SteeringSettings(CheckedQuantities):
         'periods',
         0.1,
     )
-    """The average removes the oscillation of the kinetic energy of a phonon, which alternates with
-    the elastic energy. Sensitivity: at 0.5x, the estimate oscillates twice as much, and converges
-    twice as fast."""
+    """The average removes the oscillation between kinetic and elastic energy of a phonon.
+    Sensitivity: at 0.5x, the estimate oscillates twice as much, and converges twice as fast."""
 
 
 DEFAULTS = SteeringSettings()

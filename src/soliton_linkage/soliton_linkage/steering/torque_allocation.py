@@ -122,8 +122,7 @@ class TorqueAllocation:
     def reach(self, arc: float, force: float) -> Reach:
         """Return the sites to which a force [N m] can move a wall from an arc length [rad].
 
-        The wall passes each site once in each leg of the orbit. The result refers to the leg of
-        `arc`.
+        The result refers to the leg of the orbit that contains `arc`.
         """
         orbit = self.orbit
         here, leg = orbit.site(arc), orbit.leg(arc)

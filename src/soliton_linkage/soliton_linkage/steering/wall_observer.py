@@ -77,8 +77,8 @@ class WallObserver:
         """Process a frame and return the new estimate, or None if no wall is known.
 
         `angles` [rad], (N,), are NaN where unknown. `torques` [N m], (N,) or None, acted since the
-        previous frame. A frame that is not later than the previous one is ignored, but if it is
-        earlier by more than `detection_timeout`, the observer restarts. Raises ValueError for a
+        previous frame. A frame that is not later than the previous one is ignored; one that is
+        earlier by more than `detection_timeout` restarts the observer. Raises ValueError for a
         wrong shape.
         """
         before = self.estimate

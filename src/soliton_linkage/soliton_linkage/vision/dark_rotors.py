@@ -5,8 +5,7 @@ Each rotor is a dark bar. The moments of the darkness of a bar give the middle a
 the bar, and a fitted line gives the axis. The pivots are those ends of the bars that lie on one
 common line. The camera must face the chain with rotor 0 on the left, and bonds must be thinner
 than rotors. The standard deviations of the angles are those due to pixel noise, multiplied by the
-ratio of the observed changes of bar lengths between pictures to the changes that pixel noise
-causes.
+ratio of the observed changes of bar lengths to those that pixel noise causes.
 """
 
 from __future__ import annotations
@@ -35,8 +34,7 @@ _ITERATIONS = 3
 """Number of iterations in the fit of a direction [1]; each reduces the error at least tenfold."""
 _RANK_TOLERANCE = 1e-3
 """In the fit of the line of the pivots, singular values below this times the largest one are
-neglected [1]. Therefore the arm length is not fitted if all arms end at nearly the same height
-above this line."""
+neglected [1], so that the arm length is not fitted if all arms end at nearly one height."""
 _MIN_NOISE = 0.3
 """Lower limit of the noise of a pixel [grey levels], due to the rounding of grey levels."""
 _MAX_MEASUREMENTS = 1000

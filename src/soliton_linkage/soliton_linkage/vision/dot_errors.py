@@ -100,8 +100,7 @@ class DotMeasurements:
     noise: Array
     """Standard deviations of the angles due to pixel noise [rad]."""
     length_errors: Array
-    """Errors of distances from the pivots, divided by standard deviations due to pixel noise
-    [1]."""
+    """Errors of distances from pivots, divided by standard deviations due to pixel noise [1]."""
     pixels_per_radian: Array
     """Displacements of the centres per change of the angles [pixels/rad]."""
     displacements: Array

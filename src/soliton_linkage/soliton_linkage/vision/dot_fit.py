@@ -39,8 +39,8 @@ _MAX_DISTANCE = 4.0
 _MAX_ITERATIONS = 6
 """Largest number of iterations [1]; it suffices for initial errors of less than a pixel."""
 _TOLERANCE = 3e-4
-"""The fit ends when a step of the centre is smaller than this [pixels]; the remaining error is a
-hundredth of the noise."""
+"""The fit ends when a step of the centre is below this [pixels]; the remaining error is 1 % of
+noise."""
 _MAX_STEP = 0.7
 """Longest step of the centre [pixels]; over longer ones, the model is not linear."""
 _OFFSETS = 5

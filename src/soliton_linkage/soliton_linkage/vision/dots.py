@@ -14,8 +14,7 @@ from soliton_linkage.vision.layout import COLOURS, DOT_SHARE
 from soliton_linkage.vision.opencv import Picture, opencv
 
 MIN_CONTRAST = 20.0
-"""Smallest contrast of a fitted dot [grey levels of 256], a tenth of the contrast in good
-light."""
+"""Smallest contrast of a fitted dot [grey levels of 256]; good light gives ten times as much."""
 _THRESHOLD = 0.3 * MIN_CONTRAST
 """A spot counts as dark if it is darker than its surroundings by this [grey levels]."""
 _AREAS = (0.2, 4.0)

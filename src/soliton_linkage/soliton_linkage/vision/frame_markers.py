@@ -94,8 +94,7 @@ class FrameMarkers:
         self.placing: PlacingErrors | None = None
         """Errors of angles due to errors of the marker positions; None without a plane."""
         self.print_scale = 1.0
-        """Ratio of the size of the markers to their distances, divided by that of the layout
-        [1]."""
+        """Ratio of the size of markers to their distances, divided by that of the layout [1]."""
         self.seen = 0
         """Number of visible dots in the latest picture."""
         self.moves = 0

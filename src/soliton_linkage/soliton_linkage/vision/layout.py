@@ -35,8 +35,7 @@ _MARKER_OF_SPACING = 0.9
 _MIN_DISTANCE = 1.05
 """Smallest distance between frame markers, relative to the side of their paper [1]."""
 _LABEL_GAP = 0.25
-"""Gap between the paper of a frame marker and the labels of masses, relative to the spacing
-[1]."""
+"""Gap between the paper of a frame marker and labels of masses, relative to the spacing [1]."""
 
 
 @document_fields

@@ -29,8 +29,7 @@ _MEASURED_ROTOR, _MEASURED_BOND = 0.02, 0.03
 """Relative standard deviations of measured rotor lengths, and of measured lengths of bonds [1];
 the latter is larger, because bonds may be springs."""
 _MAX_LENGTH_ERROR = 0.2
-"""Measured lengths are ignored if they differ from configured ones by more than this fraction
-[1]."""
+"""A measured length is ignored if it differs from the configured one by more than this [1]."""
 _MIN_MEASUREMENTS, _MAX_MEASUREMENTS = 5, 300
 """The mean length of a rotor or bond is used after the first number of measurements, and includes
 at most the second number of them [1]."""
