@@ -180,7 +180,7 @@ by less than this [standard deviations]."""
 _MARGIN = 1e-3
 """A correction leaves a distance of this times the spacing of the bond to the limit [1]."""
 _ROUNDS = 5
-"""Largest number of rounds of corrections [1]; one may move a neighbouring bond beyond a limit."""
+"""Largest number of rounds of corrections [1]; a correction may violate another limit."""
 
 
 def passable(lengths: Lengths, covariance: Array) -> Lengths:

@@ -98,7 +98,7 @@ def split(unknowns: Array) -> tuple[Array, Array, Array, Array]:
 
 
 def split_lengths(unknowns: Array) -> dict[str, Array]:
-    """Return the result of `split` as a dictionary from fields of `Deviations`, and `offset`."""
+    """Return the result of `split` in a dictionary; keys: fields of `Deviations`, and `offset`."""
     names = 'rotor_length', 'offset', 'spacing', 'rest_length'
     return dict(zip(names, split(unknowns), strict=True))
 

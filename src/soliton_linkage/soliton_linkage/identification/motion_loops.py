@@ -6,7 +6,8 @@ unknowns q, X = dphi/dq and V = X', satisfy
 
     X' = V,    V' = (dphi''/dphi) X + (dphi''/dphi') V + dphi''/dq,
 
-and `pull_back` is the adjoint of this integration. Arguments for N rotors and Q unknowns:
+and `pull_back` is the adjoint of this integration. Arguments for N rotors and Q unknowns, with the
+symbols of `free_motion`:
 
     table, (5, N): r, a, l, k, and the moments of inertia;
     forces, (6,): c, b, w, gravity along the chain and across it, and the longest step;

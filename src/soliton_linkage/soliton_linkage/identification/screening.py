@@ -290,7 +290,7 @@ def check_jumps(recording: Readings, noise: float) -> None:
 
 
 def _sudden_changes(readings: Array, frames: int) -> Array:
-    """Return absolute differences of changes over `frames` frames from the adjacent ones [rad]."""
+    """Return how far changes over `frames` frames differ from the mean of adjacent ones [rad]."""
     changes = readings[frames:] - readings[:-frames]
     usual = (changes[: -2 * frames] + changes[2 * frames :]) / 2
     return np.asarray(np.abs(changes[frames:-frames] - usual))
