@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Numerical experiments on simulated chains, and the modules that they share.
 
-Each study is a subpackage whose `program` module is its command. `program` runs a study,
-`figure_report` writes figures, data and tables, and `drawing` draws a chain.
+Each study is a subpackage whose module `program` is the command. Of the shared modules, `program`
+contains the command line of all studies, `figure_report` writes figures, data and tables, and
+`drawing` draws a chain.
 """

@@ -71,7 +71,7 @@ _FEWEST = 20
 _DRAWS = 20
 """Largest number of scenes that are drawn until the walls of one stay intact and apart [1]."""
 _SLOWER = 0.7
-"""Factor by which the initial speed of anti-kinks is reduced after each failed draw [1]."""
+"""After each failed draw of a scene, the initial speed of anti-kinks is multiplied by this [1]."""
 _JITTER = 0.05
 """Largest random shift of a wall from its regular initial position [distances between walls]."""
 _CORE = 3.0
@@ -177,7 +177,7 @@ def averages_and_slopes(
 
 
 def _near_stop(values: Array, beside: int) -> tuple[NDArray[np.bool_], Array]:
-    """Return whether the wall starts or stops near each value, and the slope at each value."""
+    """Return, for each value, whether the wall starts or stops near it, and the slope."""
     differences = np.gradient(values)
     still = np.abs(differences) < _STOPPED * np.abs(differences).max()
     window = 2 * beside + 1

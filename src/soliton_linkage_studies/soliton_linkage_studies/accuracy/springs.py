@@ -66,7 +66,7 @@ class Springs:
 
 
 class ForcedSprings(Springs):
-    """Chain with force terms; this module cannot integrate them, so that the simulator is used."""
+    """Chain with force terms, which this module cannot integrate; the simulator replaces it."""
 
     def __init__(self, chain: Chain, angles: Array, rates: Array, period: float) -> None:
         super().__init__(chain, angles, rates, period)

@@ -37,9 +37,10 @@ largest shift of a position by a wrong reading, divided by the stated standard d
 and `false` are numbers of walls, and `wrong_leg` is a number of frames."""
 
 WALL_VALUES = ('position', 'instant', 'rate', 'error', 'deviation', 'rate_error')
-"""Values of each found wall: errors of the position averaged over time, of the position at this
-instant and of the velocity, divided by their stated standard deviations [1]; position error and
-its stated standard deviation [rotor spacings]; relative error of the velocity [1]."""
+"""Values of each found wall. The first three are errors of the position averaged over time, of the
+position at this instant and of the velocity, divided by their stated standard deviations [1]. The
+others are the position error and its stated standard deviation [rotor spacings], and the relative
+error of the velocity [1]."""
 
 _COLUMNS = (
     *('class', 'r/a', 'rest angle [rad]', 'noise [rad]', 'estimator', 'frames'),
@@ -55,7 +56,7 @@ _SINGLE_RECORD = 0.3
 _LARGER = 1.1
 """An error counts as larger than that in the earlier table if their ratio is above this [1]."""
 _USEFUL = 2.0
-"""Position errors are compared only if the earlier normalised rms was below this [1]."""
+"""Position errors are compared only if `position_rms` in the earlier table was below this [1]."""
 _FEWER = 0.01
 """Position errors are not compared if the fraction of lost walls has decreased by more than this
 [1], because the new errors include the walls that were lost before."""

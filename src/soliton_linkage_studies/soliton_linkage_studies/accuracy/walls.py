@@ -51,8 +51,8 @@ def extent(chain: Chain) -> int:
 class WallPath:
     """Static walls of one charge in an infinite chain, at all positions at which a wall can rest.
 
-    A wall is stored as the angles of a window, which are M successive rotors around the wall. The
-    fields give wall positions relative to the first rotor of the window [rotor spacings].
+    A wall is stored as the angles of a window, which are M successive rotors around the wall. Wall
+    positions in the fields below are relative to the first rotor of the window [rotor spacings].
     """
 
     charge: int
@@ -195,14 +195,14 @@ _BROKEN = 0.15
 _STEP = 0.5
 """Interval between position measurements of a wall that is losing its phonons [time units]."""
 _SLOWER = 0.8
-"""Factor by which the initial speed is reduced after a wall was destroyed [1]."""
+"""After a wall was destroyed, the initial speed is multiplied by this for the next try [1]."""
 _TRIES = 25
 """Largest number of initial speeds that are tried [1]; the last one is 1 / 200 of the first."""
 
 
 @dataclass(frozen=True)
 class SteadyWall:
-    """Moving wall without phonons, as its difference from a static wall at the same position."""
+    """Moving wall without phonons, stored as its difference from a static wall at its position."""
 
     position: float
     """Wall position in the chain in which the wall was simulated [rotor spacings]."""

@@ -31,8 +31,8 @@ from soliton_linkage.solitons.continuum import FlipperTheory, SpinnerTheory
 _REACH = 11.0
 """Half length of the grid, divided by twice the penetration depth l [1]."""
 _QUIET_FROM = 4.0
-"""Distance from the wall at which the penalty on moving tails starts, divided by 2 l [1]; it has
-its full strength at 1.5 times this distance."""
+"""The penalty on moving tails starts at this distance from the wall, divided by 2 l [1]; it has
+its full strength from 1.5 times this distance on."""
 _QUIETNESS = 0.05
 """Strength of the penalty on moving tails, divided by I omega_0^2 [1], with the moment of inertia
 I and the lowest phonon frequency omega_0. Sensitivity: at 0.01 or 0.2, the speed after a collision

@@ -86,7 +86,7 @@ class DrivingStudy:
 
 @dataclass(frozen=True)
 class Results:
-    """Results of a study; keys and order are as in `DrivingStudy.tasks`."""
+    """Results of the tasks of a `DrivingStudy`, with the same keys as these."""
 
     works: dict[str, DrivenChain]
     balances: dict[str, BalancedRun]

@@ -19,7 +19,7 @@ from soliton_linkage.solitons.static_wall import static_wall
 from soliton_linkage_studies.active.runs import wall_sites
 
 _FIRST = 3
-"""First rotor of the path on which a packet is timed [1], outside the near field of rotor 0."""
+"""First rotor at which the arrival of a packet is timed [1], outside the near field of rotor 0."""
 _TOLERANCE = 1e-8
 """Largest integration error of an angle per step [rad], far smaller than amplitudes of bursts."""
 
