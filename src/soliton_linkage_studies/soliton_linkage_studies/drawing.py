@@ -314,7 +314,6 @@ def _thickness(chain: Chain) -> float:
 
 
 def _rows(chain: Chain) -> Array:
-    """Return the z coordinates of the displacement arrows [m], shape (N,), below all masses."""
     rows = math.ceil(chain.rotor_length / chain.spacing)
     row = np.arange(chain.number_of_rotors) % rows
     reach = float(chain.rotor_lengths.max()) + _MARGIN * chain.spacing

@@ -350,7 +350,6 @@ def _unbroken(track: Track, crossing: Crossing) -> bool:
 
 
 def _joined(first: object, second: object, names: tuple[str, ...]) -> list[Array]:
-    """Join the named arrays without the first frame of `second`, the last one of `first`."""
     return [np.concatenate([getattr(first, name), getattr(second, name)[1:]]) for name in names]
 
 

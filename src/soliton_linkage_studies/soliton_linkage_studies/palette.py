@@ -93,10 +93,7 @@ def tint(colour: str, share: float) -> str:
 
 
 def lean_colour_scale(chain: Chain) -> tuple[Array, Array]:
-    """Return the nodes of the piecewise linear colour scale of a chain.
-
-    They are displacements u [m] and positions on the colour map [1], each of shape (K,).
-    """
+    """Return the nodes of the colour scale of a chain: displacements u [m], map positions [1]."""
     rest, largest = float(lean_ticks(chain)[3]), float(lean_ticks(chain)[4])
     near = [
         (share * rest, offset) for share, offset in _NEAR_REST if share * rest < 0.99 * largest

@@ -177,7 +177,6 @@ def averages_and_slopes(
 
 
 def _near_stop(values: Array, beside: int) -> tuple[NDArray[np.bool_], Array]:
-    """Return, for each value, whether the wall starts or stops near it, and the slope."""
     differences = np.gradient(values)
     still = np.abs(differences) < _STOPPED * np.abs(differences).max()
     window = 2 * beside + 1
@@ -312,7 +311,6 @@ def _nudged(cell: AccuracyCell, orbit: Orbit, random: np.random.Generator) -> _S
 def _apply_impulse(
     start: _Start, arc: float, largest: float, random: np.random.Generator
 ) -> Array:
-    """Change the wall speed by a random fraction up to `largest`; return the impulses [N m s]."""
     orbit = start.orbit
     near = np.abs(np.arange(orbit.chain.number_of_rotors) - orbit.site(arc)) < _IMPULSE_REACH
     change = start.speed * random.uniform(-largest, largest)

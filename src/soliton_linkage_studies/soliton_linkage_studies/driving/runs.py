@@ -295,7 +295,7 @@ class StiffnessTask:
         ]
 
     def __call__(self) -> float:
-        """Return the largest difference of an angle between springs and bars [rad]."""
+        """Return the largest angle difference between springs and bars in the crossing [rad]."""
         chain, rates = self.chain, np.array(self.rates)
         rest = chain.uniform_state(1)
         period = self.duration / _CROSSING_FRAMES

@@ -190,11 +190,7 @@ def _compare_tail(report: FigureReport, chain: Chain) -> None:
 
 
 def wavelength(deviation: Array) -> float:
-    """Return the wavelength of an oscillation that is sampled once per rotor [rotor spacings].
-
-    This is twice the mean distance between interpolated zeros, or infinity for fewer than two
-    zeros.
-    """
+    """Return twice the mean distance of interpolated zeros [rotor spacings], or infinity."""
     before = np.flatnonzero(np.signbit(deviation[:-1]) != np.signbit(deviation[1:]))
     if len(before) < 2:
         return math.inf

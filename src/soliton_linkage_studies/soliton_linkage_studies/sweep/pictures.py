@@ -260,7 +260,6 @@ def _scale_axes(axes: Axes, across: Axis, up: Axis | None) -> None:
 
 
 def _edges(axis: Axis) -> Array:
-    """Return the edges of the pixels of a map, half way between values or their logarithms."""
     values = np.array(axis.values, dtype=np.float64)
     if axis.logarithmic:
         values = np.log(values)
@@ -276,7 +275,6 @@ def _positions(axis: Axis) -> Array:
 
 
 def _beside(axis: Axis, aside: float) -> Array:
-    """Return the axis values as coordinates, shifted by `aside` times their smallest distance."""
     scaled = np.log(_positions(axis)) if axis.logarithmic else _positions(axis)
     least = float(np.diff(np.sort(scaled)).min()) if len(scaled) > 1 else 1.0
     moved = scaled + aside * least
