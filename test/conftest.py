@@ -16,10 +16,9 @@ from hypothesis import HealthCheck, settings
 
 HERE = Path(__file__).parent
 
-# This must precede the import of numpy. Each worker has one core, so that further threads of
-# linear algebra would wait for each other.
-if 'PYTEST_XDIST_WORKER' in os.environ:
-    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+# This must precede the import of numpy. The matrices are small, and further threads of linear
+# algebra would wait for each other.
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 settings.register_profile(
     'repeatable', deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]

@@ -93,14 +93,16 @@ def stage(fresh_nicegui, domains, tmp_path_factory):
 
 @pytest.fixture(scope='package')
 def live_view(stage):
+    folders = [str(stage.folder / 'bags'), str(BAGS)]
+    # NiceGUI starts first, because its start calls gc.get_objects, which breaks a tuple that
+    # another thread is building (SystemError).
+    made: LiveView = stage.start(LiveView, {'port': 0, 'bag_folders': folders, 'frame_rate': 10.0})
     simulator = stage.start(Simulator, SIMULATED)
     stage.start(SolitonAnalyser)
     stage.start(EdgeActuator, {'state_timeout': 60.0})
     SteeredClock(stage, simulator, stage.start(SolitonSteering, {'state_timeout': 60.0}))
     for topic in (*COMMANDS, interfaces.LAST_KICK, interfaces.ROTOR_TORQUES):
         stage.subscribe(topic)
-    folders = [str(stage.folder / 'bags'), str(BAGS)]
-    made: LiveView = stage.start(LiveView, {'port': 0, 'bag_folders': folders, 'frame_rate': 10.0})
     chain = made.view.chains['/'].model
     until(lambda: chain.numbers.get('walls') == 1, 'the soliton', lambda: _seen(made.view))
     commands = made.view.commands('/')

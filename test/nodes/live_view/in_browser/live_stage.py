@@ -179,6 +179,23 @@ class Visit:
         self.field(label).fill(str(value))
         self.field(label).press('Tab')
 
+    def press(self, name: str, key: str) -> None:
+        """Press a key on a slider until its value changes.
+
+        A slider ignores keys while it is disabled, and a list that closes takes the focus.
+        """
+        slider = self.page.locator(f'#live-{name}')
+        enabled = slider.locator('[tabindex="0"]')
+        frame = 'new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))'
+        before = slider.get_attribute('aria-valuenow')
+
+        def changed() -> bool:
+            enabled.press(key)
+            self.js(frame)
+            return bool(slider.get_attribute('aria-valuenow') != before)
+
+        until(changed, f'the slider {name} to follow {key}')
+
     def has_value(self, label: str, value: str) -> None:
         field = self.field(label)
         until(lambda: field.input_value() == value, f'{label} to be {value}')

@@ -89,7 +89,7 @@ def test_a_sine_burst_is_sent_from_the_slider_with_the_phonon_band(at_rest, view
         'document.getElementById("live-frequency").style.background'
     )
     before = float(visit.field('frequency').input_value())
-    visit.page.locator('#live-frequency [tabindex="0"]').press('ArrowRight')
+    visit.press('frequency', 'ArrowRight')
     frequency = before + 0.5
     visit.has_value('frequency', f'{frequency:g}')
     assert low < frequency < high
@@ -112,12 +112,11 @@ def test_a_sine_burst_is_sent_from_the_slider_with_the_phonon_band(at_rest, view
 def test_the_slider_changes_the_motors_of_the_running_simulator(at_rest, view):
     visit, model = at_rest, view.chains['/'].model
     visit.tab('Drive')
-    slider = visit.page.locator('#live-coupling [tabindex="0"]')
-    slider.press('ArrowRight')
+    visit.press('coupling', 'ArrowRight')
     until(lambda: model.named.chain.non_reciprocity > 0, 'the motors')
     kappa = model.named.chain.non_reciprocity
     visit.has_text('motors', f'κ = {kappa:.3g} N m/rad')
-    slider.press('ArrowLeft')
+    visit.press('coupling', 'ArrowLeft')
     until(lambda: model.named.chain.non_reciprocity == 0, 'the end of the motors')
 
 
@@ -156,15 +155,14 @@ def test_edge_commands_are_sent_with_their_times(visit, stage):
 def test_the_slider_tilts_the_chain(visit, view, stage):
     received = stage.record(interfaces.TILT)
     visit.tab('Drive')
-    slider = visit.page.locator('#live-tilt [tabindex="0"]')
-    slider.press('ArrowRight')
+    visit.press('tilt', 'ArrowRight')
     until(lambda: received and received[-1].data == pytest.approx(0.005), 'the first step')
-    slider.press('ArrowRight')
+    visit.press('tilt', 'ArrowRight')
     until(lambda: received[-1].data == pytest.approx(0.01), 'the tilt')
     visit.panel_has_text('now 0.010 rad')
-    slider.press('ArrowLeft')
+    visit.press('tilt', 'ArrowLeft')
     until(lambda: received[-1].data == pytest.approx(0.005), 'a step back')
-    slider.press('ArrowLeft')
+    visit.press('tilt', 'ArrowLeft')
     until(lambda: received[-1].data == pytest.approx(0.0), 'the tilt back')
 
 
