@@ -166,7 +166,7 @@ def draw_plot(axes: Axes, series: Any, title: str, curves: list[tuple[str, str, 
 
 
 def draw_markers(axes: Axes, received: Any) -> None:
-    """Draw the last message on `markers` that shows both a wall and a kick."""
+    """Draw the last message of the topic `markers` that shows both a wall and a kick."""
     message = next(
         message
         for _, message in reversed(received['markers'])
@@ -202,7 +202,7 @@ def draw_markers(axes: Axes, received: Any) -> None:
 
 
 def draw_image(axes: Axes, received: Any) -> None:
-    """Draw the last message on `kymograph`."""
+    """Draw the last image of the topic `kymograph`."""
     picture = received['kymograph'][-1][1]
     axes.imshow(np.frombuffer(picture.data, np.uint8).reshape(picture.height, picture.width, 3))
     axes.set_aspect('auto')

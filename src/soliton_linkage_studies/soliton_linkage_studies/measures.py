@@ -140,7 +140,7 @@ class _Walker:
 
 
 def _frame_arc(chain: Chain) -> float:
-    """Return the frame period [s] for rates of norm 1 rad/s."""
+    """Return the arc length per frame [rad]: the frame period [s] for rates of norm 1 rad/s."""
     spacings = 1 + chain.wall_width / chain.spacing
     of_wall = chain.rest_angle / (_FRAMES_A_SPACING * math.sqrt(spacings))
     swing = min(1.0, chain.spacing / chain.rotor_length)

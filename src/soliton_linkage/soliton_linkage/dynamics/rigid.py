@@ -28,8 +28,8 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
 
 _FLUSHED = -1100
-"""Binary exponents of the components of the zero mode, relative to the largest one, are raised to
-at least this [1]. A component with this exponent is 0."""
+"""Least binary exponent of a component of the zero mode, relative to the largest component [1].
+Smaller exponents are replaced by this one, for which the component underflows to 0."""
 
 
 @dataclass(frozen=True)

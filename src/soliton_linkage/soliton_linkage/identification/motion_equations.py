@@ -171,8 +171,8 @@ def window_matrix(
     """Return the matrix of the normal equations of a window, for readings of unit variance.
 
     To save time, only each `every`-th frame is used, and the matrix is scaled up to all frames.
-    With the `shapes` of encoder errors, (K, B, N), in the B frames of the window, the sizes of
-    these errors are K N more unknowns, between those of the chain and those of the initial state.
+    `shapes`, (K, B, N), are K kinds of errors of N encoders in the B frames of the window. The K N
+    factors of these errors follow the unknowns of the chain and precede the initial state.
     """
     motion, rotors = window.motion, np.arange(record.readings.shape[1])
     size = motion.size + (0 if shapes is None else len(shapes) * len(rotors))

@@ -40,7 +40,7 @@ _RESET_RATIO = 4.0
 norms one frame earlier and later [1]. For moving walls at 10 to 500 frames per second, this ratio
 was at most 2.3."""
 _LARGEST_RELATIVE_DEVIATION = 100.0
-"""Relative standard deviations are limited to the range from 1 / this to this [1]."""
+"""Standard deviations, divided by the typical one, are limited to 1 / this and this [1]."""
 
 
 class RecordedImpulse(NamedTuple):

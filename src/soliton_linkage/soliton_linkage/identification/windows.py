@@ -31,8 +31,8 @@ _LONGEST_WINDOW = 1600
 """Largest number of frames in a merged window; in longer windows, the fit is less linear."""
 _DENSE_FRAMES = 0.05
 """Frame intervals are averaged over `_RATE_FRAMES` frames, and this quantile of the averages
-counts as typical [1]. Windows end at intervals of more than `_RATE_FRAMES` times the typical
-one."""
+counts as typical [1]. A window ends where two frames are more than `_RATE_FRAMES` typical
+intervals apart."""
 
 
 class FreeWindow(NamedTuple):
@@ -143,7 +143,7 @@ _DAMPING_RATE = 1.0
 _FRICTION_DECELERATION = 10.0
 """Prior standard deviation of the ratio of dry friction to moment of inertia [rad/s^2]."""
 _LOG_GRAVITY = 1.0
-"""Prior standard deviation of the log of gravity if the mean spacing is unknown [1]."""
+"""Prior standard deviation of the log of gravity [1], used only if the spacing is unknown."""
 _INFORMED = 1e-12
 """Eigenvalues of the information below this fraction of the largest one are neglected [1]."""
 

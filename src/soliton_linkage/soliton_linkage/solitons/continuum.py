@@ -278,7 +278,7 @@ class SpinnerTheory(WallTheory):
 
     @property
     def energy_scale(self) -> float:
-        """Energy E_s = 2 K / (a ub) [J]."""
+        """Energy E_s = 2 K / (a ub) [J] with K = `effective_stiffness` and ub = `wall_width`."""
         return 2 * self.effective_stiffness / (self.chain.spacing * self.chain.wall_width)
 
     @property

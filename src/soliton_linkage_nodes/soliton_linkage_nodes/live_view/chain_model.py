@@ -50,7 +50,7 @@ class Moment(NamedTuple):
     """Position [rotor spacings], standard deviation [m] and charge of each soliton, in one
     list."""
     energies: Mapping[str, float]
-    """Values of soliton_state by name, among them the `ENERGIES` [J]."""
+    """Numbers from the soliton_state by field name: the `ENERGIES` [J] and others."""
 
 
 class ChainModel:

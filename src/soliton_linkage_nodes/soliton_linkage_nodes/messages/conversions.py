@@ -183,7 +183,8 @@ def state_from_reset(named: NamedChain, request: Any, now: State) -> State:
     """Return the state into which a `Reset.Request` puts a chain in the state `now`.
 
     Joints that the request does not name keep their angle. Without rates in the request, all rates
-    are 0. Raises ValueError if an angle or a rate is rejected.
+    are 0. Raises ValueError if the request names an unknown joint, or if an angle or a rate is not
+    finite or too large.
     """
     rotors = named.numbers
     remedy = 'reset to smaller angles and rates'

@@ -155,7 +155,7 @@ class DrawingPublisher:
         return fresh
 
     def _wanted(self, number: int) -> bool:
-        """Return whether a subscriber needs a drawing of the message with this number."""
+        """Return whether there are subscribers that have not received drawing number `number`."""
         subscribers = self.publisher.get_subscription_count()
         more, self._subscribers = subscribers > self._subscribers, subscribers
         if not subscribers or (number == self._drawn and not more):

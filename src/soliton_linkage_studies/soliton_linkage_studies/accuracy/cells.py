@@ -43,8 +43,8 @@ _WIDEST = 3.0
 _LONGEST = 4.0
 """Largest ratio of the rotor length r to the rotor spacing a, as in the paper [1]."""
 _APART = 1.6
-"""With W > 1 walls, a random cell has at least 2 W `reach(chain)` times this number of rotors
-[1]."""
+"""With W > 1 walls, a random cell has at least 2 W k `reach(chain)` rotors, where k is this
+number [1]."""
 _SEVERAL = (1, 1, 1, 2, 4)
 """A random cell has one of these numbers of walls [1], drawn with equal probability."""
 

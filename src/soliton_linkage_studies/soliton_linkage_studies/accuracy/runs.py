@@ -80,7 +80,7 @@ def record(
     frames: range,
     random: np.random.Generator,
 ) -> Scores:
-    """Analyse `frames` of `scene` with a copy of the unused analyser `template`; return scores."""
+    """Return the scores of a copy of `template`, an analyser that has not seen any frame yet."""
     analyser, scores = deepcopy(template), Scores()
     if scene.charges:
         sound = speed_of_sound(cell.chain) / cell.chain.spacing

@@ -134,7 +134,7 @@ class WallPath:
         return position
 
     def misfit(self, angles: Array, position: float, within: float) -> float:
-        """Return the rms difference between `angles` and a static wall at `position` [rad].
+        """Return the rms difference [rad] of `angles` from a static wall at `position`.
 
         Only rotors nearer than `within` [rotor spacings] to the wall count.
         """

@@ -96,13 +96,13 @@ class ActiveStudy:
 
     chains: dict[str, Chain]
     ratios: tuple[float, ...]
-    """Ratios κ / c at which the terminal velocity is measured [1/s]."""
+    """Ratios of the non-reciprocal coupling κ to the damping c in panel a [1/s]."""
     decay: float
     """Decay rate c / (M r^2) of the rotor rates in all panels except d [1/s]."""
     diagram_ratios: tuple[float, ...]
     diagram_decays: tuple[float, ...]
     pair_ratio: float
-    """Ratio κ / c in panels b, c, e and f [1/s]."""
+    """Ratio κ / c in panels b, c, e and f of the picture [1/s]."""
 
     @staticmethod
     def read(settings: Section, quick: bool) -> ActiveStudy:

@@ -43,9 +43,9 @@ class SymplecticNystrom(OdeSolver):
     If the error is far below the tolerance, the length increases.
 
     `length` is the length of a method step [s], and `together` the largest number of method steps
-    in one solver step (a call of `step`). Raises TypeError for a right-hand side that is not an
-    `EquationOfMotion`, and ValueError for Python functions in `forces`, an unsuitable state, or
-    options out of range.
+    in one solver step (a call of `step`). Raises TypeError if `fun` is not an `EquationOfMotion`,
+    and ValueError if its `forces` contain Python functions, if `y0` has another size, or if an
+    option is out of range.
     """
 
     _tried = 4
