@@ -7,10 +7,9 @@ import pytest
 from soliton_linkage_nodes import live_view
 from soliton_linkage_nodes.live_view.node import LiveView
 
-pytest.importorskip('nicegui', reason='needs NiceGUI: pip install nicegui')
-
 
 def test_an_error_names_a_port_that_is_in_use(graph):
+    pytest.importorskip('nicegui', reason='needs NiceGUI: pip install nicegui')
     with socket.socket() as used:
         used.bind(('127.0.0.1', 0))
         used.listen()

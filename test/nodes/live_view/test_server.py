@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip('nicegui', reason='needs NiceGUI: pip install nicegui')
+pytest.importorskip('fastapi', reason='needs NiceGUI: pip install nicegui')
 
 from soliton_linkage_nodes.live_view.server import Gate, is_loopback, tick_period
 

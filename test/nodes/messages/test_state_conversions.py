@@ -2,6 +2,7 @@
 """A soliton state reports what the analysis found, in each of its fields."""
 
 import math
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -35,7 +36,8 @@ NAN_SOLITON = AnalysedSoliton(0, 1.5, 0.15, NAN, NAN, NAN, -1, 1e-3, NAN, NAN)
 SOLITON = AnalysedSoliton(7, 3.25, 0.325, -1.0, 0.12, 0.125, 1, 1e-4, 1e-5, 1e-6)
 
 
-def analysed() -> Analysis:
+@lru_cache
+def wobbling() -> Analysis:
     """A wobbling wall in the middle of its chain, with all quantities known."""
     chain = Chain(number_of_rotors=16, rotor_length=0.12, rest_angle=0.77)
     cycle, analyser = UniformOrbit(chain), Analyser(chain)
@@ -46,18 +48,14 @@ def analysed() -> Analysis:
         angles[4] = math.nan
         found = analyser.analyse(number * 10**7, angles, np.zeros(16))
     assert found is not None
+    assert found.wobble is not None
     return found
-
-
-WOBBLING = analysed()
-assert WOBBLING.wobble is not None
-WOBBLE = WOBBLING.wobble
 
 
 def test_an_analysis_has_the_header_of_its_frame_and_its_solitons_come_back():
     for count in [0, 1, 2]:
         solitons = (SOLITON, NAN_SOLITON)[:count]
-        message = state_to_msg(WOBBLING._replace(solitons=solitons), JOINTS)
+        message = state_to_msg(wobbling()._replace(solitons=solitons), JOINTS)
         stamp = message.header.stamp
         assert (stamp.sec, stamp.nanosec, message.header.frame_id) == JOINTS[:3]
         back = solitons_from_msg(message)
@@ -127,34 +125,38 @@ FLOATS = st.floats()
 PAIRS = st.tuples(FLOATS, FLOATS)
 SIGNS = st.integers(-1, 1)
 NAMES = st.integers(0, 2**32 - 1)
-ANALYSES = st.builds(
-    WOBBLING._replace,
-    motion=st.sampled_from([None, *Motion]),
-    measured_motion=st.builds(MotionClass, st.sampled_from([None, *Motion]), FLOATS),
-    estimate=st.builds(
-        WOBBLING.estimate._replace,
-        site=FLOATS,
-        status=st.sampled_from(TrackingStatus),
-        noise=FLOATS,
-        misfit=FLOATS,
-    ),
-    cycle=st.builds(
-        CyclePhase,
-        *4 * [FLOATS],
-        completed=st.integers(-(2**31), 2**31 - 1),
-        leg=st.integers(-1, 3),
-    ),
-    solitons=st.lists(
-        st.builds(AnalysedSoliton, NAMES, *5 * [FLOATS], SIGNS, *3 * [FLOATS]), max_size=4
-    ).map(tuple),
-    topology=st.none()
-    | st.builds(Topology, PAIRS, st.tuples(SIGNS, SIGNS), charge=SIGNS, mode_centre=FLOATS),
-    edge_rotors=st.none()
-    | st.builds(EdgeRotors, st.none() | st.tuples(st.booleans(), st.booleans()), PAIRS),
-    energies=st.none() | st.builds(Energies, *6 * [FLOATS]),
-    wobble=st.none()
-    | st.builds(WOBBLE._replace, amplitude=FLOATS, decay_length=FLOATS, wavelength=FLOATS),
-    unseen=st.integers(0, 2**32 - 1),
+ANALYSES = st.deferred(
+    lambda: st.builds(
+        wobbling()._replace,
+        motion=st.sampled_from([None, *Motion]),
+        measured_motion=st.builds(MotionClass, st.sampled_from([None, *Motion]), FLOATS),
+        estimate=st.builds(
+            wobbling().estimate._replace,
+            site=FLOATS,
+            status=st.sampled_from(TrackingStatus),
+            noise=FLOATS,
+            misfit=FLOATS,
+        ),
+        cycle=st.builds(
+            CyclePhase,
+            *4 * [FLOATS],
+            completed=st.integers(-(2**31), 2**31 - 1),
+            leg=st.integers(-1, 3),
+        ),
+        solitons=st.lists(
+            st.builds(AnalysedSoliton, NAMES, *5 * [FLOATS], SIGNS, *3 * [FLOATS]), max_size=4
+        ).map(tuple),
+        topology=st.none()
+        | st.builds(Topology, PAIRS, st.tuples(SIGNS, SIGNS), charge=SIGNS, mode_centre=FLOATS),
+        edge_rotors=st.none()
+        | st.builds(EdgeRotors, st.none() | st.tuples(st.booleans(), st.booleans()), PAIRS),
+        energies=st.none() | st.builds(Energies, *6 * [FLOATS]),
+        wobble=st.none()
+        | st.builds(
+            wobbling().wobble._replace, amplitude=FLOATS, decay_length=FLOATS, wavelength=FLOATS
+        ),
+        unseen=st.integers(0, 2**32 - 1),
+    )
 )
 HEADERS = st.builds(
     JOINTS._replace,
@@ -186,7 +188,7 @@ def test_a_row_has_a_cell_for_every_column(analysis, joints):
 
 
 def test_a_column_names_its_unit_unless_it_is_a_plain_number():
-    cells = dict(zip(columns(), row(WOBBLING, JOINTS), strict=True))
+    cells = dict(zip(columns(), row(wobbling(), JOINTS), strict=True))
     plain = {name for name, cell in cells.items() if isinstance(cell, float) and '[' not in name}
     assert plain == {
         'measured_motion_confidence',

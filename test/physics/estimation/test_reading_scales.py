@@ -6,14 +6,14 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from chains import FLIPPER
+from orbits import uniform_orbit
 
 from soliton_linkage.estimation.analyser import Analyser
 from soliton_linkage.estimation.measurement import ReadingScales
 from soliton_linkage.estimation.orbit_filter import OrbitFilter
 from soliton_linkage.linkage.chain import Array, Chain
-from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 
-ORBIT = UniformOrbit(Chain(number_of_rotors=14))
 PERIOD, RATE, START = 1e-3, 9.6, 6.0
 NOISE = 0.005
 """Noise of every second rotor [rad]; the others have ten times as much."""
@@ -24,12 +24,13 @@ def normalised_and_errors(
     seed: int, weighted: bool, noise: float | None
 ) -> tuple[float, float, float]:
     """Return normalised error of the arc [1], error [rad], and estimated noise [rad]."""
-    random, tracker = np.random.default_rng(seed), OrbitFilter(ORBIT, noise)
+    orbit = uniform_orbit(FLIPPER, 14)
+    random, tracker = np.random.default_rng(seed), OrbitFilter(orbit, noise)
     for time in (PERIOD * np.arange(120)).tolist():
-        angles = ORBIT.configuration(START + RATE * time)
+        angles = orbit.configuration(START + RATE * time)
         angles = angles + DEVIATIONS * random.standard_normal(len(angles))
         estimate = tracker.update(time, angles, DEVIATIONS if weighted else None)
-    error = math.remainder(estimate.arc - START - RATE * estimate.time, ORBIT.length)
+    error = math.remainder(estimate.arc - START - RATE * estimate.time, orbit.length)
     return error / estimate.arc_deviation, error, estimate.noise
 
 
@@ -57,7 +58,7 @@ def test_equal_and_unknown_deviations_have_no_effect():
     analysers = [Analyser(chain) for _ in range(3)]
     weighted = [None, np.full(14, 0.02), np.full(14, np.nan)]
     for number in range(30):
-        angles = ORBIT.configuration(START + RATE * PERIOD * number)
+        angles = uniform_orbit(FLIPPER, 14).configuration(START + RATE * PERIOD * number)
         angles = angles + 0.02 * random.standard_normal(14)
         stamp = number * 10**6
         found = [

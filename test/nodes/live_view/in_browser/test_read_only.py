@@ -12,8 +12,6 @@ import pytest
 from live_stage import Rig, Stage, Visit
 from programs import until
 
-pytest.importorskip('nicegui', reason='needs NiceGUI: pip install nicegui')
-
 RUN = 'from soliton_linkage_nodes.start import live_view; live_view()'
 BAGS = Path(__file__).parents[4] / 'bags'
 PARAMETERS = ('host:=0.0.0.0', 'port:=0', 'read_only:=true', f'bag_folders:=[{BAGS}]')
@@ -52,6 +50,7 @@ def domain(domains):
 
 @pytest.fixture(scope='module')
 def served(domain, tmp_path_factory):
+    pytest.importorskip('nicegui', reason='needs NiceGUI: pip install nicegui')
     made = Served(domain, tmp_path_factory.mktemp('read_only') / 'log')
     yield made
     made.process.send_signal(signal.SIGINT)
