@@ -101,7 +101,7 @@ def test_a_soliton_crosses_is_recorded_and_replayed_alike(start, tmp_path):
 def test_ctrl_c_stops_everything_and_leaves_a_readable_bag(start, tmp_path):
     output = tmp_path / 'out'
     process = start(configured(tmp_path, 'flipper', nudge=25.0), output)
-    wait_for_line(process, 'replaying [')
+    wait_for_line(process, 'Replaying ')
     assert_it_stops(process, output, signal.SIGINT, to_group=True)
     assert frames_in(output / 'flipper_0') > 100
 

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every node starts as a process or logs the reason in one line, and stops on a signal."""
 
+import contextlib
 import signal
 import subprocess
 import sys
+import threading
 import time
 from itertools import cycle
 
@@ -13,7 +15,7 @@ from rclpy.node import Node
 from recordings import run_of, write_bag
 from std_msgs.msg import Float64
 
-from soliton_linkage_nodes.runtime.process import SpinSlices, initialise
+from soliton_linkage_nodes.runtime.process import SpinSlices, initialise, interruptible
 
 NODES = (
     'simulator',
@@ -81,6 +83,19 @@ def test_two_signals_are_as_good_as_one(graph, start):
         assert program.stop(signal.SIGINT) == 0, gap
         closed = sum('closed' in line for line in program.said)
         assert closed == (nodes[gap] == 'bag_recorder'), gap
+
+
+def test_a_suppressed_interrupt_ends_the_block_at_its_end():
+    stopping = threading.Event()
+
+    @interruptible(stopping)
+    def suppress() -> None:
+        with contextlib.suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGTERM)
+
+    with pytest.raises(KeyboardInterrupt):
+        suppress()
+    assert stopping.is_set()
 
 
 def test_a_slice_ends_under_a_continuous_stream_of_messages(graph):

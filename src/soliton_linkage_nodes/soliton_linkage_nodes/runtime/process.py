@@ -96,13 +96,26 @@ def interrupt_on_signals() -> None:
 
 @contextmanager
 def interruptible(stopping: threading.Event) -> Iterator[None]:
-    """Raise KeyboardInterrupt in a block at a signal, or at its start if `stopping` is set."""
+    """Raise KeyboardInterrupt in a block at a signal, or at its start if `stopping` is set.
+
+    A signal sets `stopping`. If a library suppresses the exception, it is raised again at the end.
+    """
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    interrupt_on_signals()
-    try:
+
+    def check() -> None:
         if stopping.is_set():
             raise KeyboardInterrupt
+
+    def interrupt(_number: int, _frame: object) -> None:
+        stopping.set()
+        check()
+
+    for number in handlers:
+        signal.signal(number, interrupt)
+    try:
+        check()
         yield
+        check()
     finally:
         for number, handler in handlers.items():
             signal.signal(number, handler)

@@ -140,8 +140,9 @@ class Visit:
 
     def open(self, browser: Browser) -> None:
         self.console: list[str] = []
+        # An animation is drawn 60 times per second, six times as often as the frames.
         self._context = browser.new_context(
-            viewport={'width': 1400, 'height': 1000}, **self._options
+            viewport={'width': 1400, 'height': 1000}, reduced_motion='reduce', **self._options
         )
         self._context.set_default_timeout(1000 * LONGEST_WAIT)
         self.page = self._context.new_page()
