@@ -65,9 +65,10 @@ class Controller:
         self.line.close()
         self.terminal = None
 
-    def plug(self) -> None:
+    def plug(self, started: bool = True) -> None:
         self.terminal = PseudoTerminal(self._link)
-        self.start()
+        if started:
+            self.start()
 
 
 @pytest.fixture
@@ -163,6 +164,20 @@ def test_a_reset_and_a_lost_port_are_logged_and_publishing_continues(graph, plug
     assert (np.diff(stamps) > 0).all()
     assert node.stream.lost == 0
     assert node.stream.clock.restarts == 2
+
+
+def test_frames_sent_while_the_port_changes_behind_a_link_are_lost(graph, plugged, said):
+    controller = plugged()
+    node, received = begin(graph, controller)
+    while math.isnan(node.stream.clock.scatter):
+        controller.send(received, 1)
+    controller.unplug()
+    for _ in range(3):
+        controller.simulated.measure(time.monotonic(), ANGLES)
+    controller.plug(started=False)
+    graph.until(lambda: 'is open again' in said(), 'the log of the reopened port')
+    controller.send(received, 5)
+    assert (node.stream.lost, node.stream.clock.restarts) == (3, 0)
 
 
 @pytest.mark.parametrize('pressure', [False, True])

@@ -139,6 +139,26 @@ def test_a_jump_of_the_clock_is_counted_and_corrected_within_three_frames():
         assert clock.drift == pytest.approx(100e-6, abs=1e-5)
 
 
+def bursts(rng: np.random.Generator, count: int) -> Array:
+    """Delays of a busy computer, which reads all waiting messages at irregular times [s]."""
+    pauses = np.where(rng.random(count) < 0.8, rng.exponential(4e-3, count), 0.06)
+    reads, sent = np.cumsum(pauses), np.arange(count) / RATE
+    return np.maximum(reads[np.minimum(np.searchsorted(reads, sent), count - 1)] - sent, 0.0)
+
+
+@pytest.mark.parametrize(
+    'delays', [lambda rng, count: rng.exponential(1e-2, count), bursts], ids=['random', 'bursts']
+)
+def test_a_jump_forward_is_corrected_if_the_computer_is_busy(delays):
+    clock = DeviceClock()
+    line = Line(15.0, 100e-6, delays, 10**7)
+    line.times[500:] += 50_000
+    errors, rejected = plausible_stamps(clock, line, checked=True)
+    assert (clock.jumps, clock.restarts) == (1, 0)
+    assert np.sum(np.abs(errors[500:]) > 0.025) < 12
+    assert len(rejected) < 12
+
+
 def test_single_wrong_times_are_rejected_and_change_no_stamp():
     clock = DeviceClock()
     line = Line(20.0, 100e-6, DELAYS['exponential'])

@@ -45,6 +45,17 @@ def test_errors_of_resting_and_moving_dots_are_estimated():
     np.testing.assert_allclose(factors, np.where(WAYS, 2.0, 0.5), rtol=0.1)
 
 
+def test_the_constant_error_of_resting_dots_is_the_same_number_of_pixels_for_all_rotors():
+    random, scale = np.random.default_rng(1), ErrorScale(ROTORS)
+    pixels = np.linspace(20, 200, ROTORS)
+    noise = 3e-3 / pixels
+    for picture in range(400):
+        lengths = random.normal(size=ROTORS)
+        dots = DotMeasurements(picture / 60, 0 * ONES, noise, lengths, pixels, WAYS, NEVER)
+        factors = scale.update(dots, 4e-3)
+    np.testing.assert_allclose(factors * noise * pixels, np.where(WAYS, 3e-3, 5e-3), rtol=0.1)
+
+
 def test_errors_of_repeated_dots_are_estimated_from_their_jumps():
     random, scale = np.random.default_rng(3), ErrorScale(ROTORS)
     angles = 0 * ONES

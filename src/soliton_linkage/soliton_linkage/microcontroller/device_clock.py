@@ -41,8 +41,9 @@ _FROM_THE_PAST = 10.0
 _SMALLEST_JUMP = 1e-3
 """Smallest jump of a clock that is detected [s]; at 2x, undetected jumps bias the drift more."""
 _EARLY, _LATE = 3.0, 10.0
-"""A delay is plausible if it is at most the first number times h below the fitted line, or at most
-the second number times h above it [1], where h is the median height of delays above the line."""
+"""A delay is plausible if it is at most the first number times s below the fitted line, or at most
+the second number times h above it [1]. Here h is the median height of delays above the line, and s
+their lower octile, or h before there are `_REMEMBERED` delays."""
 _UNUSUAL = 8.0
 """Without checksums, an interval between measurements is unusual if its difference from a multiple
 of the median interval is larger than this times the median of such differences [1]."""
@@ -55,6 +56,9 @@ than this [s], which is 25 ticks of micros() of an Arduino."""
 _REMEMBERED = 128
 """Number of messages whose delays and intervals are compared [1]; at 0.25x, a rare interval seems
 unusual, and at 4x, a jump by less than an interval is corrected later."""
+_SHORT = _REMEMBERED // 8
+"""Number of compared delays that are shorter than their lower octile [1]. Sensitivity on a busy
+computer: at 0.5x, some frames of a queue seem early; at 2x, some jumps of 50 ms are missed."""
 _WRONG_TIMES = _REMEMBERED // 16
 """Largest expected number of wrong times among the compared messages without a checksum [1]."""
 _CONFIRMATIONS = 3
@@ -166,7 +170,7 @@ class DeviceClock:
         self._envelope = DelayEnvelope()
         self._delays: deque[float] = deque(maxlen=_REMEMBERED)
         self._intervals: deque[float] = deque(maxlen=_REMEMBERED)
-        self._suspects: deque[tuple[int, int]] = deque(maxlen=_CONFIRMATIONS)
+        self._suspects: deque[tuple[int, int, bool]] = deque(maxlen=_CONFIRMATIONS)
 
     def stamp(self, time: int, arrival: int, checked: bool = False) -> int:
         """Return the stamp [ns] of a measurement at `time` [us] that arrives at `arrival` [ns].
@@ -197,6 +201,9 @@ class DeviceClock:
         passed = (time - self._last) % CLOCK_RANGE
         if not passed:
             raise ValueError(f'time = {time} us repeats the last frame; measure each frame once')
+        # After a restart or a jump, the time may be smaller than before.
+        signed = (passed + CLOCK_RANGE // 2) % CLOCK_RANGE - CLOCK_RANGE // 2
+        late = self._late(self._elapsed + signed, arrival)
         here = (arrival - self._begun) // _MICROSECOND
         latest = round((here / 1e6 + _FROM_THE_FUTURE - self._envelope.offset) * 1e6)
         latest = round(latest / (1 + self._envelope.drift))
@@ -211,18 +218,15 @@ class DeviceClock:
             # A checksum proves that the time of a late message is right, unless the clock jumped.
             accepted = late_only or (accepted and checked and self._late(elapsed, arrival) > 0)
             if self._suspects or not late_only:
-                self._suspects.append((time, arrival))
-        # After a restart or a jump, the time may be smaller than before.
-        signed = (passed + CLOCK_RANGE // 2) % CLOCK_RANGE - CLOCK_RANGE // 2
-        late = abs(self._late(self._elapsed + signed, arrival))
+                self._suspects.append((time, arrival, late < 0))
         if self._confirmed() or self._all_late(checked):
-            self._restart(late)
+            self._restart(abs(late))
         elif accepted:
             self._intervals.append((elapsed - self._elapsed) / 1e6)
             self._elapsed = elapsed
         else:
             raise ValueError(
-                f'time = {time} us differs from its arrival by {late:.3g} s; '
+                f'time = {time} us differs from its arrival by {abs(late):.3g} s; '
                 'measure at equal intervals, check the wiring, and end each line of text with a '
                 'checksum'
             )
@@ -241,8 +245,8 @@ class DeviceClock:
     def _is_near_line(self, elapsed: int, arrival: int) -> bool:
         if math.isnan(self.scatter):
             return True
-        late, tolerance = self._late(elapsed, arrival), self._tolerance(arrival - self._arrival)
-        return -max(tolerance * _EARLY / _LATE, _SMALLEST_JUMP) <= late <= tolerance
+        late, gap = self._late(elapsed, arrival), arrival - self._arrival
+        return -self._tolerance(gap, early=True) <= late <= self._tolerance(gap)
 
     def _is_only_late(self, elapsed: int, arrival: int, checked: bool) -> bool:
         """Return whether only the arrival is late: a long delay after a usual interval."""
@@ -259,17 +263,21 @@ class DeviceClock:
         least = sorted(self._delays)[0 if checked else _WRONG_TIMES]
         return least > max(_EARLY * (float(np.median(self._delays)) - least), _SMALLEST_JUMP)
 
-    def _tolerance(self, gap: int) -> float:
+    def _tolerance(self, gap: int, early: bool = False) -> float:
         usual = float(np.median(self._delays)) if self._delays else 0.0
-        return max(_LATE * usual, _SMALLEST_JUMP) + LARGEST_DRIFT * abs(gap) / _SECOND
+        if early and len(self._delays) == _REMEMBERED:
+            usual = sorted(self._delays)[_SHORT]
+        largest = max((_EARLY if early else _LATE) * usual, _SMALLEST_JUMP)
+        return largest + LARGEST_DRIFT * abs(gap) / _SECOND
 
     def _confirmed(self) -> bool:
         if len(self._suspects) < _CONFIRMATIONS:
             return False
-        times, arrivals = np.diff(np.array(self._suspects, dtype=np.int64), axis=0).T
+        suspects = np.array(self._suspects, dtype=np.int64)
+        times, arrivals, _ = np.diff(suspects, axis=0).T
         passed = times % CLOCK_RANGE / 1e6
-        if arrivals.sum() / _SECOND < _FRESH * passed.sum():
-            # The messages have waited and arrive together.
+        if not suspects[:, 2].all() and arrivals.sum() / _SECOND < _FRESH * passed.sum():
+            # The messages have waited and arrive together. Waiting does not make them early.
             return False
         limits = [self._tolerance(int(gap)) for gap in arrivals]
         return bool((passed > 0).all() and (abs(arrivals / _SECOND - passed) <= limits).all())

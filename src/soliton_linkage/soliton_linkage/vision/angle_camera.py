@@ -160,7 +160,8 @@ class AngleCamera:
                 steps,
                 np.abs(rates) * (time - self._before) * steps,
                 repeated,
-            )
+            ),
+            self.frame_markers.fit_error,
         )
         self._before = time
         self.tracks.add_lengths(self.pivots.positions, np.where(repeated[:, None], np.nan, masses))

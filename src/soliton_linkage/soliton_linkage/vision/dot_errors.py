@@ -10,6 +10,10 @@ variance of resting dots, e^2 that of moving dots, and t the typical number of r
 that was repeated n times has the variance
 
     s^2 + (e^2 - s^2) / (1 + n / t).
+
+The error of a fitted centre also depends on the position of the dot on the grid of pixels. While a
+dot rests, this error is constant, so that changes of its distance do not contain it. Therefore its
+variance, which is known from the frame markers, is part of s^2.
 """
 
 from __future__ import annotations
@@ -117,13 +121,18 @@ class ErrorScale:
         self._dead_zone = DeadZone(rotors)
         self._repeats, self._before = np.zeros(rotors), np.full(rotors, np.nan)
 
-    def update(self, dots: DotMeasurements) -> Array:
-        """Add a picture; return the ratio for each of its dots [1], (N,)."""
+    def update(self, dots: DotMeasurements, constant: float = 0.0) -> Array:
+        """Add a picture; return the ratio for each of its dots [1], (N,).
+
+        `constant` is the standard deviation of the error that is constant while a dot rests
+        [pixels].
+        """
         moving = dots.displacements > _MOVING
         self._resting.add(dots.length_errors[~dots.repeated & ~moving])
         self._moving.add(dots.length_errors[~dots.repeated & moving])
         self._add_jumps(dots)
-        jumps, resting = self._jumps.value(), self._resting.value()
+        jumps, relative = self._jumps.value(), constant / (dots.noise * dots.pixels_per_radian)
+        resting = self._resting.value() + relative**2
         self._dead_zone.add_repeated(dots.repeated, np.isfinite(dots.angles))
         self._dead_zone.add(dots, jumps)
         if self._dead_zone.present:
@@ -182,15 +191,16 @@ class DeadZone:
         self._across_difference.add((weights @ self._length_errors)[always])
         self._across.add(self._length_errors[_ORDER // 2, always])
 
-    def variances(self, resting: float, jumps: float) -> Array:
-        """Return the ratio of the variance of each dot to that due to pixel noise [1], (N,).
+    def variances(self, resting: Array, jumps: float) -> Array:
+        """Return the variance of each dot divided by the variance due to pixel noise [1], (N,).
 
-        `resting` is this ratio for dots at rest, and `jumps` is explained at `add`.
+        `resting` is this ratio for dots at rest, (N,), and `jumps` the ratio that is assumed for
+        moving dots before fast dots have been observed.
         """
         along = self._along.value(jumps)
         along *= max(1.0, self._across.value() / self._across_difference.value())
         usual = math.exp(self._log_repeats / max(self._ended, 1.0))
-        return resting + max(along - resting, 0.0) / (1 + self._repeats / usual)
+        return resting + np.maximum(along - resting, 0.0) / (1 + self._repeats / usual)
 
 
 def _difference_weights(times: Array) -> Array:
