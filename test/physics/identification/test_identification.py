@@ -13,7 +13,7 @@ from passages import FLIPPER, NAMES, SPINNER, WOBBLER, passage, read, unequal
 from soliton_linkage.dynamics.elastic import ElasticSimulation
 from soliton_linkage.dynamics.initial_states import leaning
 from soliton_linkage.identification.adjustment import adjust
-from soliton_linkage.identification.diagnosis import length_warnings
+from soliton_linkage.identification.diagnosis import check_explained, length_warnings
 from soliton_linkage.identification.identification import identify
 from soliton_linkage.identification.lengths import initial_lengths, split
 from soliton_linkage.identification.readings import Readings, RecordedImpulse
@@ -63,9 +63,9 @@ BAD = {
     'degrees': (np.rad2deg(READINGS), '^the angles look like degrees; publish radians$'),
     'half missing': (half_missing(), '5 of 10 rotors are missing .* rotor_0, rotor_2'),
     'slipping': (slipping(), 'the encoder of rotor_3 slips by about 0.29 rad at 1.6 s'),
-    'no model': (
+    'nonlinear': (
         changed(5, lambda angles: angles + 0.3 * np.sin(5 * angles))[::8],
-        'no model explains .* causes: rotor_5 ',
+        'rotor_5 has an encoder whose error depends on the angle',
     ),
     'nothing passes': (resting(), 'no soliton passes'),
     'half a passage': (np.repeat(READINGS[:250], 2, axis=0), 'passes only .* inner rotors'),
@@ -78,6 +78,19 @@ def test_unsuitable_recordings_are_rejected(readings, words):
     with pytest.raises(ValueError, match=words) as error:
         identify(Readings(times, readings, names=NAMES), Chain())
     assert '\n' not in str(error.value)
+
+
+def test_the_causes_of_an_unexplained_recording_are_sorted_by_their_share_of_the_residuals():
+    recording = Readings(TIMES, READINGS, names=NAMES)
+    for some, cause in (
+        (np.s_[:, 5], 'rotor_5 '),
+        (np.s_[300:320], r'a kick or a hand acts near 1\.2'),
+        (np.s_[:], 'joints are missing or not in the order'),
+    ):
+        residuals = np.random.default_rng(1).standard_normal(READINGS.shape)
+        residuals[some] *= 10
+        with pytest.raises(ValueError, match=f'no model explains .* causes: {cause}'):
+            check_explained('bars', 5.0, (0.05, 0.0), residuals, recording, None)
 
 
 FORMULAS: dict[str, Callable[[Array], Array]] = {

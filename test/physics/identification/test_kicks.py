@@ -53,6 +53,7 @@ def test_a_kick_is_named_and_errors_agree_with_the_stated_deviations(seed, size)
     found = identify(readings, Chain())
     (warning,) = (each for each in found.warnings if 'kick that was not recorded' in each)
     assert float(warning.split(' near ')[1].split()[0]) == pytest.approx(BEFORE, abs=NEAR)
+    assert warning.endswith('check that no rotor is missing before rotor 0 or after rotor 11')
     for name, values, unit in PARTS:
         shown, true = (getattr(each, values) for each in (found.chain, chain))
         scale = getattr(chain, unit).mean() / getattr(found.chain, unit).mean()

@@ -3,9 +3,12 @@
 
 import numpy as np
 import pytest
+from passages import NAMES, SPINNER, passage, read, unequal
 
+from soliton_linkage.identification.mounting import check_mounting
 from soliton_linkage.identification.readings import Readings
 from soliton_linkage.identification.screening import (
+    check_common_gain,
     check_jumps,
     check_slips,
     noise_of,
@@ -92,3 +95,27 @@ def test_turning_rotors_have_no_outliers_and_slips_where_few_frames_were_selecte
         used = without_outliers(recording.select(frames))
         assert np.isfinite(used.angles).all()
         check_jumps(used, 0.01)
+
+
+def test_a_common_wrong_gain_is_named_and_single_errors_are_not_mistaken_for_it():
+    odd = np.arange(12) % 2
+    readings = deviating(odd * np.pi + (1 - 2 * odd) * passing(), [], 0, 0.0).angles
+    readings += 0.05 * np.random.default_rng(4).standard_normal(12)
+    with pytest.raises(ValueError, match=r'^each rotor has a wrong gain, .* 9% too large'):
+        check_common_gain(1.1 * readings)
+    with pytest.raises(ValueError, match=r'^each rotor has a wrong gain, .* too small'):
+        check_common_gain(readings / 1.1)
+    for error in (0.0, 0.8, np.pi):
+        wrong = readings.copy()
+        wrong[:, 5] += error
+        check_common_gain(wrong)
+
+
+def test_exchanging_joints_is_recommended_only_if_they_then_move_like_neighbours():
+    readings = read(passage(unequal(SPINNER, 2)), 2)[0]
+    nonlinear = readings.copy()
+    nonlinear[:, 5] += 0.3 * np.sin(2 * readings[:, 5])
+    check_mounting(nonlinear, NAMES)
+    readings[:, [4, 5]] = readings[:, [5, 4]]
+    with pytest.raises(ValueError, match='rotor_5 is before rotor_4; swap them'):
+        check_mounting(readings, NAMES)

@@ -9,6 +9,7 @@ from collections.abc import Callable
 import numpy as np
 
 from soliton_linkage.identification.adjustment import near_limit_bonds
+from soliton_linkage.identification.encoder_errors import EncoderFault
 from soliton_linkage.identification.lengths import Lengths
 from soliton_linkage.identification.motion_fit import UNEXPLAINED
 from soliton_linkage.identification.readings import Readings
@@ -34,21 +35,8 @@ _WEAK = 0.1
 """A combination is reported if its standard deviation, without the prior, is above this [1]."""
 
 
-def check_explained(
-    model: str,
-    noise: float,
-    spreads: tuple[float, float],
-    residuals: Array,
-    readings: Readings,
-    fault: str,
-) -> None:
-    """Raise ValueError with the most likely causes if the model does not explain the readings.
-
-    `model` is the name of the fitted model. `noise` is the root mean square of the `residuals`,
-    (T, N), divided by the reading noise [1]. `spreads` contains the estimated relative standard
-    deviations [1] of lengths of one kind, and of masses and stiffnesses. `fault` describes a
-    significant encoder error, or is empty. If it is not empty, ValueError is raised in any case.
-    """
+def unexplained(noise: float, spreads: tuple[float, float]) -> list[str]:
+    """Return a text for each limit that a fitted model exceeds; arguments of `check_explained`."""
     lengths, masses = spreads
     faults = []
     if noise > UNEXPLAINED:
@@ -63,9 +51,28 @@ def check_explained(
         faults.append(
             f'masses and stiffnesses differ by {masses:.0%} (limit {_LARGEST_SPREADS[1]:.0%})'
         )
+    return faults
+
+
+def check_explained(
+    model: str,
+    noise: float,
+    spreads: tuple[float, float],
+    residuals: Array,
+    readings: Readings,
+    fault: EncoderFault | None,
+) -> None:
+    """Raise ValueError with the most likely causes if the model does not explain the readings.
+
+    `model` is the name of the fitted model. `noise` is the root mean square of the `residuals`,
+    (T, N), divided by the reading noise [1]. `spreads` contains the estimated relative standard
+    deviations [1] of lengths of one kind, and of masses and stiffnesses. `fault` describes a
+    significant encoder error, or is empty. If it is not empty, ValueError is raised in any case.
+    """
+    faults = unexplained(noise, spreads)
     if not faults:
         if fault:
-            raise ValueError(fault)
+            raise ValueError(fault.text)
         return
     by_rotor = np.mean(residuals**2, axis=0)
     by_frame = np.mean(residuals**2, axis=1)
@@ -87,7 +94,7 @@ def check_explained(
         (1.0, 'joints are missing or not in the order of the rotors'),
     ]
     ordered = [cause for _, cause in sorted(causes, key=lambda each: -each[0])]
-    named = '; '.join([fault, *ordered] if fault else ordered)
+    named = '; '.join([fault.text, *ordered] if fault else ordered)
     raise ValueError(
         f'no model explains this recording: with {model}, {" and ".join(faults)}. Most likely '
         f'causes: {named}. Correct them, or select a part of the recording by --begin and --end'

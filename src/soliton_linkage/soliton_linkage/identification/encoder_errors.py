@@ -1,23 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Score test (Rao, 1948) of two errors of encoders: a wrong gain, and play of the coupling.
+"""Score test (Rao, 1948) of errors of encoders: a wrong gain, play, and nonlinearity.
 
-A fit assumes that a reading is y = o + phi. An encoder error of the size g adds g s to the
-reading. For a wrong gain, the shape s is the angle phi; for play, it is the lag of the encoder
-behind the rotor, relative to half of the play. With the normal equations A dp + B g = b of the
-unknowns p, and B^T dp + D g = c of the errors, one error has the estimate g with the information
-S:
+A fit assumes that a reading is y = o + phi. An encoder error g adds g s to the reading, with a
+shape s. For the gain, s is the angle phi. For play of the coupling, s is the lag of the encoder
+behind the rotor. Nonlinearity, for example of an encoder disc that is not centred on the axis, is
+described by sin(phi), cos(phi), sin(2 phi) and cos(2 phi), together with the gain. With the normal
+equations A dp + B g = b of the unknowns p, and B^T dp + D g = c of the errors, the errors have the
+estimate g with the information S:
 
-    S = D - B^T A^-1 B,    g = (c - B^T A^-1 b) / S.
+    S = D - B^T A^-1 B,    g = S^-1 (c - B^T A^-1 b).
 
-Wrong lengths can cause the same residuals as an error of an inner encoder only if the lengths of
-neighbouring bonds change together, which the prior makes improbable. Errors of edge encoders are
-less certain.
+The sum of squared residuals over the variance of a reading decreases by g^T S g, which is the
+square of the significance of the error.
+
+The lengths of neighbouring bonds must change together to imitate an error of an inner rotor, and
+the prior of the lengths makes this improbable. Errors of edge rotors are less certain.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,27 +32,39 @@ from soliton_linkage.identification.readings import Readings, repeat_counts
 from soliton_linkage.linkage.chain import Array
 
 _SIGNIFICANT = 4.5
-"""An error is reported if it is larger than this [standard deviations]; in 20 recordings of 12
-rotors with correct encoders, the largest gain error was 2.3, and the largest play 4.0."""
+"""An error is reported if it is larger than this [standard deviations]; in 20 correct recordings
+of 12 rotors, the largest gain error was 2.3 and the largest play 4.0."""
+_SIGNIFICANT_NONLINEARITY = 9.0
+"""Nonlinearity is reported only if its significance is larger than this [standard deviations]."""
+_NONLINEAR = 1.3
+"""Nonlinearity is reported, and not a wrong gain, if it decreases the sum of squares by more than
+this times the decrease by the gain alone [1]; with wrong gains, this ratio was at most 1.08."""
+_SIMILAR = 0.85
+"""An error names each rotor for which the sum of squares decreases by more than this times the
+largest decrease [1], because the others explain the recording nearly as well."""
 _SMALLEST_ERROR = 0.02
-"""Smallest relative error of a gain [1], and smallest play [rad], that are reported. A gain error
-of this size changes the estimated lengths by about 1 %."""
+"""Smallest relative error of a gain [1], and smallest play [rad], that are reported. The gain
+error changes lengths by about 1 %."""
 _HALF_PLAY = 0.05
-"""Half of the play for which the shape of the lag is computed [rad]. An actual half play of 0.05
-rad was estimated as 0.05 rad, and one of 0.1 rad as 0.07 to 0.11 rad."""
+"""Half of the play for which the shape of the lag is computed [rad]. Sensitivity: with 0.05, half
+plays of 0.05 and 0.1 rad were estimated as 0.05 and 0.07 to 0.11 rad."""
+_LARGEST_NONLINEARITY = 0.3
+"""Prior standard deviation of the amplitudes of a nonlinearity [rad]. It matters only for rotors
+that turn little, whose amplitudes are not observable."""
 
 
 def error_shapes(angles: Array) -> Array:
-    """Return the shapes of the gain and of the play, (2, T, N), for angles [rad], (T, N).
+    """Return the shapes of gain, play and nonlinearity, (6, T, N), for angles [rad], (T, N).
 
-    An encoder with play keeps its angle until the rotor has moved by the play. Its shape is
-    therefore -1 while the rotor turns forwards, and 1 while it turns backwards.
+    An encoder with play keeps its angle until the rotor has moved by the play. The lag is divided
+    by half of the play; it is -1 while the rotor turns forwards, and 1 while it turns backwards.
     """
     lags = np.zeros_like(angles)
     for frame in range(1, len(angles)):
         kept = angles[frame - 1] + lags[frame - 1] - angles[frame]
         lags[frame] = np.clip(kept, -_HALF_PLAY, _HALF_PLAY)
-    return np.stack([angles, lags / _HALF_PLAY])
+    waves = [wave(k * angles) for k in (1, 2) for wave in (np.sin, np.cos)]
+    return np.stack([angles, lags / _HALF_PLAY, *waves])
 
 
 def bar_scores(readings: Readings, found: Adjustment, noise: float) -> tuple[Array, Array]:
@@ -80,37 +96,77 @@ def error_scores(
     return vector[size:] - solved.T @ right, matrix[size:, size:] - coupling.T @ solved
 
 
-def encoder_fault(joints: Sequence[str], scores: Array, information: Array) -> str:
-    """Return a text about the most significant error of the encoders, or '' if there is none.
+class EncoderFault(NamedTuple):
+    """Error of the encoders that the readings show."""
+
+    text: str
+    decrease: float
+    """Decrease of the sum of squared residuals over the variance of a reading by the error [1]."""
+
+
+def encoder_fault(joints: Sequence[str], scores: Array, information: Array) -> EncoderFault | None:
+    """Return the most significant error of the encoders; None if no error is significant.
 
     `scores` and `information` are the results of `error_scores` for the shapes of `error_shapes`.
     The common gain of all encoders is tested, too.
     """
     rotors = len(joints)
-    gains, all_gains = scores[:rotors], information[:rotors, :rotors]
-    candidates = [
-        ('each rotor', False, gains.sum(), all_gains.sum()),
-        *zip(joints, [False] * rotors, gains, np.diag(all_gains), strict=True),
-        *zip(
-            joints,
-            [True] * rotors,
-            np.maximum(scores[rotors:], 0.0),
-            np.diag(information)[rotors:],
-            strict=True,
-        ),
-    ]
-    whose, is_play, score, certain = max(candidates, key=lambda one: one[2] ** 2 / one[3])
-    size, significance = score / certain, abs(score) / math.sqrt(certain)
-    if significance < _SIGNIFICANT or abs(size) * (1 + is_play) < _SMALLEST_ERROR:
-        return ''
-    certainty = f'({significance:.2g} standard deviations)'
-    if is_play:
-        return (
-            f'{whose} has an encoder with a play of about {2 * size:.2g} rad {certainty}: fasten '
-            'its coupling, and record again'
+    gains, certain = scores[:rotors], np.diag(information)
+    plays = np.maximum(scores[rotors : 2 * rotors], 0.0)
+    of_gain, of_play = (
+        np.where(each**2 > _SIGNIFICANT**2 * weight, each**2 / weight, 0.0)
+        * (size * np.abs(each) > _SMALLEST_ERROR * weight)
+        for each, weight, size in (
+            (gains, certain[:rotors], 1),
+            (plays, certain[rotors : 2 * rotors], 2),
         )
+    )
+    of_waves = np.array([_decrease(scores, information, n, rotors) for n in range(rotors)])
+    limits = np.maximum(_SIGNIFICANT_NONLINEARITY**2, _NONLINEAR * gains**2 / certain[:rotors])
+    of_waves[of_waves < limits] = 0.0
+    decreases = np.max([of_gain, of_play, of_waves], axis=0)
+    common, weight = float(gains.sum()), float(information[:rotors, :rotors].sum())
+    size = common / weight
+    if common**2 / weight > max(_SIGNIFICANT**2, decreases.max()) and abs(size) > _SMALLEST_ERROR:
+        return EncoderFault(_gain_error('each rotor', size, common**2 / weight), common * size)
+    if not decreases.max() > 0:
+        return None
+    order = np.argsort(-decreases)
+    worst = int(order[0])
+    largest = float(decreases[worst])
+    named = [joints[n] for n in order if decreases[n] > _SIMILAR * largest]
+    whose = ' or '.join(named)
+    if of_play[worst] == largest:
+        play = 2 * plays[worst] / certain[rotors + worst]
+        text = (
+            f'{whose} has an encoder with a play of about {play:.2g} rad {_certainty(largest)}: '
+            'fasten its coupling, and record again'
+        )
+    elif of_gain[worst] == largest:
+        text = _gain_error(whose, float(gains[worst] / certain[worst]), largest)
+    else:
+        text = (
+            f'{whose} has an encoder whose error depends on the angle {_certainty(largest)}: '
+            'check its counts per turn and the centring of its disc or magnet, or calibrate it'
+        )
+    return EncoderFault(text, largest)
+
+
+def _decrease(scores: Array, information: Array, rotor: int, rotors: int) -> float:
+    every = np.arange(rotor, len(scores), rotors)
+    some = np.delete(every, 1)
+    prior = np.eye(len(some)) / _LARGEST_NONLINEARITY**2
+    matrix = information[np.ix_(some, some)] + prior
+    return float(scores[some] @ np.linalg.solve(matrix, scores[some]))
+
+
+def _gain_error(whose: str, size: float, decrease: float) -> str:
     return (
         f'{whose} has a wrong gain, its readings are about {abs(size):.1%} too '
-        f'{"large" if size > 0 else "small"} {certainty}: correct the counts per turn, or divide '
-        f'the readings by {1 + size:.3f}'
+        f'{"large" if size > 0 else "small"} {_certainty(decrease)}: correct the counts per turn, '
+        f'or divide the readings by {1 + size:.3f}'
     )
+
+
+def _certainty(decrease: float) -> str:
+    return f'({math.sqrt(decrease):.2g} standard deviations)'

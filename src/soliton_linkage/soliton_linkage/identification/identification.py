@@ -10,7 +10,7 @@ import numpy as np
 
 from soliton_linkage.identification.adjustment import Adjustment, adjust
 from soliton_linkage.identification.bar_motion import BarMotion, bar_motion
-from soliton_linkage.identification.diagnosis import check_explained, length_warnings
+from soliton_linkage.identification.diagnosis import check_explained, length_warnings, unexplained
 from soliton_linkage.identification.encoder_errors import bar_scores, encoder_fault
 from soliton_linkage.identification.free_motion import FreeMotion
 from soliton_linkage.identification.kicks import fit_around_kicks
@@ -46,7 +46,8 @@ _ADJUSTED = 0.05
 """Progress that is reported after the fit of the lengths and offsets [1]."""
 _KICK = (
     'a kick that was not recorded acts near {}; the frames near it were not used for masses, '
-    'springs and drag'
+    'springs and drag. If nothing touched the chain, check that no rotor is missing before {} or '
+    'after {}'
 )
 _STRAINING = (
     'torques act for {:.2g} s of this recording and may strain the springs; if the joints are '
@@ -58,6 +59,10 @@ _RIGID = (
 )
 _ADJUSTMENTS = 6
 """Largest number of fits of the lengths [1]; outliers are removed after each one."""
+_CLEAR = 12.0
+"""If a fit of springs does not explain the readings, an error of an encoder that is larger than
+this in the fit of bars is reported at once [standard deviations]. Strained springs cause apparent
+errors of up to 10."""
 _MOST_FITTED = 3000
 """Largest number of frames in the fit of a motion; for 40 rotors, this fit takes 20 s or more."""
 
@@ -128,33 +133,41 @@ def _by_model(
     unused = len(readings.times) - len(frames)
     some = replace(readings, angles=readings.unwrapped).select(frames)
     inputs = found.residuals[frames], found, given, noise, tolerance, spacing_known, stages
-    fitted, kicks = fit_around_kicks(
-        some, lambda part: _fit_springs(part, *inputs), noise, max(found.noise, LEAST_NOISE)
-    )
+    bar_noise = max(noise, found.noise)
+    fault = encoder_fault(readings.joints, *bar_scores(readings, found, bar_noise))
+
+    def excess_of(fit: MotionFit) -> tuple[float, tuple[float, float]]:
+        lengths = 0.0 if tolerance else fit.prior.tolerances.lengths
+        return fit.noise / noise, (lengths, fit.prior.mass_deviation)
+
+    def fit_springs(part: Readings) -> tuple[MotionFitter, MotionFit] | str:
+        fitted = _fit_springs(part, *inputs)
+        explained = not isinstance(fitted, str) and not unexplained(*excess_of(fitted[1]))
+        if fault and fault.decrease > _CLEAR**2 and not explained:
+            raise ValueError(fault.text)
+        return fitted
+
+    fitted, kicks = fit_around_kicks(some, fit_springs, noise, max(found.noise, LEAST_NOISE))
     if not isinstance(fitted, str):
         fitter, fit = fitted
         check_slips(some, fit.residuals, fit.noise)
-        prior, excess = fit.prior, fit.noise / noise
-        fault = encoder_fault(readings.joints, *fitter.error_scores())
-        spreads = 0.0 if tolerance else prior.tolerances.lengths, prior.mass_deviation
-        check_explained('springs', excess, spreads, fit.residuals, some, fault)
+        spring_fault = encoder_fault(readings.joints, *fitter.error_scores())
+        check_explained('springs', *excess_of(fit), fit.residuals, some, spring_fault)
         fit = fitter.sampled(fit)
         given = _scaled(given, readings, fit.motion.gravity)
         scale = mass_scale(fit, some, given.spacing)
         result = by_springs(fit, given, noise, scale, unused)
         if kicks:
+            ends = readings.joints[0], readings.joints[-1]
             named = ' and '.join(f'{time - some.times[0]:.3g} s' for time in sorted(kicks))
-            result = replace(result, warnings=(_KICK.format(named), *result.warnings))
+            result = replace(result, warnings=(_KICK.format(named, *ends), *result.warnings))
         return result
     residuals = found.residuals / readings.relative_deviations
-    check_slips(readings, residuals, max(noise, found.noise))
+    check_slips(readings, residuals, bar_noise)
     if not found.converged:
         raise ValueError(_NOT_CLOSED)
     spread = 0.0 if tolerance else found.tolerances.lengths
-    excess = found.noise / noise
-    scores = bar_scores(readings, found, max(noise, found.noise))
-    fault = encoder_fault(readings.joints, *scores)
-    check_explained('bars', excess, (spread, 0.0), residuals, readings, fault)
+    check_explained('bars', found.noise / noise, (spread, 0.0), residuals, readings, fault)
     strained = found.noise > STRAINED * noise
     moved = None if strained else _fit_bars(some, found, given, spacing_known)
     if moved is not None:

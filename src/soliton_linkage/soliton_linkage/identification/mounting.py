@@ -89,10 +89,16 @@ def check_mounting(readings: Array, names: Sequence[str]) -> None:
         first = last = backward[0]
         while last + 1 in backward:
             last += 1
+        pair = [first, last + 1]
+        ordered = readings.copy()
+        ordered[:, pair] = readings[:, pair[::-1]]
+        adjacent = last - first < 2
+        if adjacent and not _is_better(_curves(ordered), curves):
+            return
         raise ValueError(
             'the joints are not in the order of the rotors: '
             f'{names[last + 1]} is before {names[first]}; '
-            + ('swap them' if last - first < 2 else 'name them from the first rotor to the last')
+            + ('swap them' if adjacent else 'name them from the first rotor to the last')
         )
     wrong = _wrong_rotors(curves)
     inner = curves[1:-1]
@@ -126,7 +132,11 @@ def zeros_explain(readings: Array, errors: Array) -> bool:
     explained = wrong[:-1] | wrong[1:]
     return all(
         done or not curve.unlike_neighbours for done, curve in zip(explained, curves, strict=True)
-    ) and (sum(curve.misfit**2 for curve in corrected) < sum(curve.misfit**2 for curve in curves))
+    ) and _is_better(corrected, curves)
+
+
+def _is_better(some: Sequence[_Curve], others: Sequence[_Curve]) -> bool:
+    return sum(each.misfit**2 for each in some) < sum(each.misfit**2 for each in others)
 
 
 def check_neighbours(readings: Array, names: Sequence[str]) -> None:
@@ -138,8 +148,9 @@ def check_neighbours(readings: Array, names: Sequence[str]) -> None:
         more = f' and {len(strange) - 1} more pairs' if len(strange) > 1 else ''
         raise ValueError(
             f'{names[n]} and {names[n + 1]}{more} do not move like neighbours: rotors between '
-            'them are missing, joints are not in the order of the rotors, or a zero has a large '
-            'error; record all rotors, name them from the first to the last, and set the zeros'
+            'them are missing, joints are not in the order of the rotors, or an encoder has a '
+            'wrong zero or gain; record all rotors, name them from the first to the last, and '
+            'check the encoders'
         )
 
 

@@ -223,6 +223,18 @@ def _part(recording: Readings, begin: float, end: float) -> Readings:
     )
 
 
+_AVERAGED_INTERVALS = 8
+"""Number of successive frame intervals that are averaged [1], because stamps may have errors."""
+_DENSE_FRAMES = 0.05
+"""Quantile of the averaged frame intervals [1] that is used as the interval without gaps."""
+
+
+def dense_interval(times: Array) -> float:
+    """Return the frame interval [s] where frames are dense, for at least two times [s], (T,)."""
+    count = min(_AVERAGED_INTERVALS, len(times) - 1)
+    return float(np.quantile((times[count:] - times[:-count]) / count, _DENSE_FRAMES))
+
+
 _SMALLEST_STEP = 1e-9
 """Smallest change that counts as an encoder step [rad]; smaller ones are rounding errors."""
 

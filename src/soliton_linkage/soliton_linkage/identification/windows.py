@@ -14,6 +14,7 @@ import numpy as np
 from soliton_linkage.identification.adjustment import observable_basis
 from soliton_linkage.identification.free_motion import FreeMotion, propagate
 from soliton_linkage.identification.lengths import Tolerances, to_unknowns
+from soliton_linkage.identification.readings import dense_interval
 from soliton_linkage.linkage.chain import Array
 
 _INITIAL_FRAMES = 25
@@ -29,10 +30,8 @@ _MERGED = 4
 predicts may be too far from the recorded one."""
 _LONGEST_WINDOW = 1600
 """Largest number of frames in a merged window; in longer windows, the fit is less linear."""
-_DENSE_FRAMES = 0.05
-"""Frame intervals are averaged over `_RATE_FRAMES` frames, and this quantile of the averages
-counts as typical [1]. A window ends where two frames are more than `_RATE_FRAMES` typical
-intervals apart."""
+_GAP = 8.0
+"""A window ends where the frame interval is more than this times `dense_interval` [1]."""
 
 
 class FreeWindow(NamedTuple):
@@ -82,8 +81,7 @@ def initial_windows(
 
 
 def _without_gaps(times: Array, interval: slice) -> list[slice]:
-    averages = (times[_RATE_FRAMES:] - times[:-_RATE_FRAMES]) / _RATE_FRAMES
-    gaps = np.diff(times) > _RATE_FRAMES * np.quantile(averages, _DENSE_FRAMES)
+    gaps = np.diff(times) > _GAP * dense_interval(times)
     inner = 1 + interval.start + np.flatnonzero(gaps[interval.start : interval.stop - 1])
     ends = [interval.start, *inner.tolist(), interval.stop]
     parts = [slice(*each) for each in pairwise(ends)]

@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Errors of one encoder are recognised by their shape, and correct encoders have none."""
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from passages import FLIPPER, SPINNER, WOBBLER, passage, read, unequal
+
+from soliton_linkage.identification.adjustment import adjust
+from soliton_linkage.identification.encoder_errors import EncoderFault, bar_scores, encoder_fault
+from soliton_linkage.identification.lengths import initial_lengths
+from soliton_linkage.identification.readings import Readings
+from soliton_linkage.linkage.chain import Array, Chain
+
+CLASSES = {'flipper': FLIPPER, 'wobbler': WOBBLER, 'spinner': SPINNER}
+NAMES = [f'rotor_{n}' for n in range(12)]
+
+
+def with_play(angles: Array) -> Array:
+    shown = [angles[0]]
+    for angle in angles[1:]:
+        shown.append(np.clip(shown[-1], angle - 0.1, angle + 0.1))
+    return np.array(shown)
+
+
+def found_fault(nominal: Chain, change: Callable[[Array], Array]) -> EncoderFault | None:
+    """Error that is found after `change` of the readings of rotor 5 in a passage and back."""
+    angles = passage(unequal(replace(nominal, number_of_rotors=12), 2))
+    angles = np.concatenate([angles, angles[::-1]])
+    readings = read(angles, 2)[0]
+    readings[:, 5] += change(angles[:, 5]) - angles[:, 5]
+    found = adjust(readings, initial_lengths(readings))
+    recording = Readings(np.arange(len(readings)) / 250, readings, names=NAMES)
+    return encoder_fault(NAMES, *bar_scores(recording, found, found.noise))
+
+
+@pytest.mark.parametrize('nominal', CLASSES.values(), ids=CLASSES)
+def test_the_error_of_an_encoder_is_recognised_by_its_shape(nominal):
+    assert found_fault(nominal, lambda angles: angles) is None
+    for change, words in (
+        (
+            lambda angles: 1.06 * angles,
+            'rotor_5 has (a wrong gain|an encoder whose error depends)',
+        ),
+        (with_play, 'rotor_5 has an encoder with a play'),
+        (
+            lambda angles: angles + 0.15 * np.sin(3 * angles),
+            'rotor_5 has an encoder whose error depends on the angle',
+        ),
+    ):
+        fault = found_fault(nominal, change)
+        assert fault is not None
+        assert re.match(words, fault.text)
