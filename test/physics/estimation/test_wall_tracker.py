@@ -302,3 +302,20 @@ def test_the_turning_sense_agrees_with_the_rotors_in_the_wall():
         turned = np.unwrap((angles - before)[5:60])
         frame = frame_of(SPINNER, angles, None)
         assert frame.turn(30.4, 70.0) == np.sign(turned[-1] - turned[0])
+
+
+@pytest.mark.parametrize('periods', [0.3, 1.0, 4.0])
+def test_the_rate_of_a_resting_wall_among_waves_agrees_with_its_deviation(periods):
+    line, amplitude, scores = LatticeCoordinates(CHAIN), 0.02, []
+    frames = round(periods * line.period / PERIOD)
+    for phase in np.linspace(0, 2 * math.pi, 8, endpoint=False):
+        track = WallTrack(line, -1, 1 / CHAIN.time_unit, site_arc(CHAIN), DEFAULTS)
+        for frame in range(frames + 1):
+            time = frame * PERIOD
+            if frame:
+                track.predict(PERIOD)
+            site = 30 + amplitude * math.sin(phase + 2 * math.pi * time / line.period)
+            wall = WallMeasurement(site, 0.001, -1, bias=amplitude**2 / 2)
+            track.update(wall, time)
+        scores.append(track.rate / track.rate_deviation)
+    assert np.sqrt(np.mean(np.square(scores))) < 2

@@ -12,7 +12,11 @@ from soliton_linkage.linear.bands import speed_of_sound
 from soliton_linkage.orbit.deviating_orbit import orbit_of
 from soliton_linkage.solitons.tanh_fit import find_solitons
 from soliton_linkage_studies.accuracy.cells import AccuracyCell
-from soliton_linkage_studies.accuracy.scenes import averages_and_slopes, scene_of
+from soliton_linkage_studies.accuracy.scenes import (
+    averages_and_slopes,
+    frames_beside,
+    scene_of,
+)
 
 FRAMES = 60
 CHAIN_OF = {example: chain_of(example, 12) for example in CLASSES}
@@ -61,8 +65,8 @@ def test_walls_of_both_charges_have_their_detected_positions(example):
 
 
 def test_impulses_change_the_rate_and_are_reported():
-    cell = cell_of(FLIPPER, 30, impulses=3)
-    scene = scene_of(cell, 4 * FRAMES, np.random.default_rng(1), 3)
+    cell = cell_of(FLIPPER, 30, impulse_interval=2 * FRAMES)
+    scene = scene_of(cell, 4 * FRAMES, np.random.default_rng(1))
     assert len(scene.impulse_frames) == len(scene.impulses) > 0
     for frame, impulses in zip(scene.impulse_frames, scene.impulses, strict=True):
         assert impulses.shape == (30,)
@@ -98,6 +102,20 @@ def test_a_wave_with_the_period_of_the_average_is_removed():
     inner = slice(30, -30)
     assert means[inner] == pytest.approx(0.01 * frames[inner], abs=1e-9)
     assert slopes[inner] == pytest.approx(0.01, abs=0.02)
+
+
+def test_the_oscillation_of_an_anti_kink_in_a_well_is_not_averaged():
+    cell, barrier_speed = cell_of(FLIPPER, 30, period=0.01), 20.0
+    # The potential 1/2 barrier_speed^2 sin(pi x)^2 has the period of one rotor spacing.
+    phases = np.pi * barrier_speed * cell.period * cell.chain.time_unit * np.arange(4000)
+    means, slopes = averages_and_slopes(
+        np.sin(phases), frames_beside(0.1, cell, barrier_speed), cubic=False
+    )
+    inner = slice(500, -500)
+    assert means[inner] == pytest.approx(np.sin(phases)[inner], abs=0.01)
+    assert slopes[inner] == pytest.approx(
+        (phases[1] * np.cos(phases))[inner], abs=0.05 * phases[1]
+    )
 
 
 def test_a_piece_shorter_than_the_average_has_a_valid_average():

@@ -35,7 +35,11 @@ from soliton_linkage.estimation.frames import Flags, wrapped
 from soliton_linkage.linear.bands import penetration_depth
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
-from soliton_linkage.solitons.anti_kink import anti_kink_path, resting_anti_kink
+from soliton_linkage.solitons.anti_kink import (
+    anti_kink_path,
+    barrier_speed,
+    resting_anti_kink,
+)
 from soliton_linkage.solitons.static_wall import static_wall
 from soliton_linkage.solitons.tanh_fit import find_solitons
 
@@ -307,13 +311,11 @@ class WallShapes:
     def pinning_speed(self) -> float:
         """Least speed of an anti-kink that moves from site to site [spacings/s]; 0 if pinned."""
         try:
-            sites, states = anti_kink_path(self._window, float(self._sites[0]))
+            return barrier_speed(
+                self._window, *anti_kink_path(self._window, float(self._sites[0]))
+            )
         except ArithmeticError:
             return 0.0
-        barrier = float(np.ptp([self._window.elastic_energy(each) for each in states]))
-        steps = np.diff(states, axis=0) / np.diff(sites)[:, None]
-        mass = self.chain.moment_of_inertia * float((steps**2).sum(axis=1).mean())
-        return math.sqrt(2 * barrier / mass)
 
     def of_leg(self, leg: int) -> WallShape:
         """Return the shape of the kink in a leg of the orbit."""

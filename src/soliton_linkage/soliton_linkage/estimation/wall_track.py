@@ -229,9 +229,15 @@ class WallTrack:
             self._motion.update((expected + apart) * self._arc, variance)
         arc, rate, of_arc, _, of_rate = self._motion.summary
         self.rotor, self.rate = self._line.wrap(arc / self._arc), rate / self._arc
-        # Only the motion of the wall reduces the error due to persistent residuals, while more
-        # frames at the same site do not. Therefore add the variance of this error here.
-        of_rate += measured.bias * (rate / self._settings.filter.bias_way) ** 2
+        # The filter does not include the error due to persistent residuals. This error oscillates
+        # with the waves, and changes while the wall moves. A line fitted to measurements over a
+        # time T has the bandwidth sqrt(3) / T; waves of frequency w change its slope by 4 / (w T)
+        # of the change by a constant error.
+        speed = self.rate / self._settings.filter.bias_way
+        change = math.hypot(speed, 2 * math.pi / self._line.period)
+        relative = math.sqrt(of_rate / of_arc) / change
+        kept = min(4 * relative, 1.0, 1 / relative) ** 2
+        of_rate *= 1 + measured.bias * self._arc**2 / of_arc * kept
         self.deviation = math.sqrt(of_arc / self._arc**2 + measured.bias)
         self.rate_deviation = math.sqrt(of_rate) / self._arc
 

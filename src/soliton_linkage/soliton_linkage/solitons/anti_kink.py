@@ -55,6 +55,18 @@ def anti_kink_path(chain: Chain, begin: float) -> tuple[Array, Array]:
     return sites, states
 
 
+def barrier_speed(chain: Chain, sites: Array, states: Array) -> float:
+    """Return the least speed of an anti-kink that moves from site to site [spacings/s].
+
+    `sites` and `states` are the result of `anti_kink_path`. A slower anti-kink oscillates in a
+    well of the energy.
+    """
+    barrier = float(np.ptp([chain.elastic_energy(each) for each in states]))
+    steps = np.diff(states, axis=0) / np.diff(sites)[:, None]
+    mass = chain.moment_of_inertia * float((steps**2).sum(axis=1).mean())
+    return math.sqrt(2 * barrier / mass)
+
+
 @lru_cache(maxsize=8)
 def resting_anti_kink(chain: Chain, near: float) -> tuple[float, Array]:
     """Return the site [rotor spacings] and angles [rad], (N,), of an anti-kink in equilibrium.

@@ -75,8 +75,8 @@ class AccuracyCell:
     """Error of one random encoder in the last frame of a record [rad]; 0 means no error."""
     disorder: float = 0.0
     """Relative standard deviation of random chain deviations, unknown to the analyser [1]."""
-    impulses: int = 0
-    """Total number of impulses on the wall in all scenes [1]."""
+    impulse_interval: int = 0
+    """Mean number of frames between two impulses on the wall [1]; 0 means no impulses."""
     impulses_known: bool = False
     """Whether each impulse is reported to the analyser."""
     unseen: str = ''
@@ -214,7 +214,7 @@ def _of_model(chains: dict[str, Chain]) -> list[AccuracyCell]:
         'friction_known': {'damping': 0.01, 'damping_known': True},
         'shorter': {'length_error': -0.01},
         'longer': {'length_error': 0.01},
-        'pushed_10': {'impulses': 50, 'largest_impulse': 0.1, 'run': 600},
+        'pushed_10': {'impulse_interval': 200, 'largest_impulse': 0.1, 'run': 600},
     }
     cells += [
         replace(AccuracyCell(f'{case}_{name}', chain, 0.01, 0.15, 0.2, 400), **given)
@@ -263,8 +263,8 @@ def _of_class(name: str, chain: Chain) -> list[AccuracyCell]:
         'noise_alone': {'noise_only': True},
         'degrees': {'degrees': True},
         'other_chain': {'configured_chain': other},
-        'pushed': {'impulses': 50, 'run': 600},
-        'pushes_told': {'impulses': 50, 'run': 600, 'impulses_known': True},
+        'pushed': {'impulse_interval': 200, 'run': 600},
+        'pushes_told': {'impulse_interval': 200, 'run': 600, 'impulses_known': True},
         **{f'disorder_{100 * share:g}': {'disorder': share} for share in _DISORDERS},
     }
     cells = [replace(plain, name=f'{case}_{name}', **given) for case, given in cases.items()]

@@ -60,10 +60,9 @@ def records(cell: AccuracyCell, frames: int, random: np.random.Generator) -> Ite
     left, template = frames, Analyser(cell.analysed_chain)
     scenes: list[WallScene] = []
     count = math.ceil(frames / run)
-    impulses = math.ceil(cell.impulses / min(_SCENES, count))
     for number in range(10 * count):
         if number < min(_SCENES, count):
-            scenes.append(scene_of(cell, min(_LONGER * run, frames), random, impulses))
+            scenes.append(scene_of(cell, min(_LONGER * run, frames), random))
         scene = scenes[number % len(scenes)]
         length = min(run, left, len(scene.angles))
         begin = int(random.integers(len(scene.angles) - length + 1))

@@ -3,11 +3,13 @@
 
 The position of a wall in a frame is that of the nearest static wall. It is averaged over the
 shorter of two times: a period of the slowest phonon, and the time in which the wall moves by one
-rotor spacing. The velocity is the slope of a line that is fitted to the positions in a time three
-times as long. A cubic replaces the line in three cases: walls so slow that their speed varies
-between rotors, damped chains, and chains with force terms. With force terms, the time of the fit
-is six times that of the average, the acceleration of the cubic corrects the average, and there is
-no averaging near the start or the stop of a wall. No average extends across an impulse.
+rotor spacing. An anti-kink may oscillate in a well of the energy. Therefore its averaging time is
+at most 1/16 of the period of this oscillation. The velocity is the slope of a line that is fitted
+to the positions in a time three times as long. A cubic replaces the line in three cases: walls so
+slow that their speed varies between rotors, damped chains, and chains with force terms. With force
+terms, the time of the fit is six times that of the average, the acceleration of the cubic corrects
+the average, and there is no averaging near the start or the stop of a wall. No average extends
+across an impulse.
 """
 
 from __future__ import annotations
@@ -59,6 +61,9 @@ _LEGS = 2.0
 _WINDOWS, _FORCED_WINDOWS = 3, 6
 """Length of the window for the fit of a slope, divided by that of the averaging window [1]; the
 second value is for chains with force terms."""
+_PERIOD_SHARE = 1 / 16
+"""Longest averaging time, divided by the oscillation period of an anti-kink in a well [1]. The
+fitted slope then is the velocity with an error of 4 %."""
 _STOPPED = 0.02
 """A wall counts as stopped if its speed is below this fraction of its largest speed [1]."""
 _CHAINS = 200
@@ -103,9 +108,7 @@ class WallScene:
     """Angular impulses of all rotors [N m s], shape (N,), for each element of `impulse_frames`."""
 
 
-def scene_of(
-    cell: AccuracyCell, frames: int, random: np.random.Generator, impulse_count: int = 0
-) -> WallScene:
+def scene_of(cell: AccuracyCell, frames: int, random: np.random.Generator) -> WallScene:
     """Simulate `frames` frames, or fewer if walls meet; impulses act only on a single wall."""
     chain = cell.chain
     if cell.noise_only:
@@ -121,7 +124,7 @@ def scene_of(
         return _without_walls(motion.angles, np.asarray(chain.kinetic_energy(motion.rates)))
     if cell.walls > 1:
         return _several_walls(cell, frames, random)
-    return _single_wall(cell, frames, random, impulse_count)
+    return _single_wall(cell, frames, random)
 
 
 def _without_walls(angles: Array, kinetic: Array) -> WallScene:
@@ -130,12 +133,14 @@ def _without_walls(angles: Array, kinetic: Array) -> WallScene:
     return WallScene(angles, kinetic, none, none, none, (), legs, none.astype(bool))
 
 
-def frames_beside(speed: float, cell: AccuracyCell) -> int:
+def frames_beside(speed: float, cell: AccuracyCell, barrier_speed: float = 0.0) -> int:
     """Return how many frames before a frame, and how many after it, its average position includes.
 
-    `speed` is the wall speed [rotor spacings/s].
+    `speed` is the wall speed, and `barrier_speed` as in `WallPath` [rotor spacings/s].
     """
-    time = 1 / max(abs(speed), gap(cell.chain) / (2 * math.pi))
+    # An anti-kink in a well oscillates with the period 2 / barrier_speed.
+    well = barrier_speed / (2 * _PERIOD_SHARE)
+    time = 1 / max(abs(speed), gap(cell.chain) / (2 * math.pi), well)
     return max(round(time / (cell.period * cell.chain.time_unit) / 2), 1)
 
 
@@ -206,9 +211,7 @@ class _Start:
     """Speed of the wall [rotor spacings / s]."""
 
 
-def _single_wall(
-    cell: AccuracyCell, frames: int, random: np.random.Generator, impulse_count: int
-) -> WallScene:
+def _single_wall(cell: AccuracyCell, frames: int, random: np.random.Generator) -> WallScene:
     start = _started(cell, random)
     springs, orbit = start.springs, start.orbit
     chain, last = cell.chain, cell.chain.number_of_rotors - 1
@@ -218,7 +221,8 @@ def _single_wall(
     forced = isinstance(springs, ForcedSprings)
     margin = (_FORCED_WINDOWS if forced else _WINDOWS) * beside
     total = frames + 2 * margin
-    at = sorted(random.choice(np.arange(1, total - 1), impulse_count, replace=False).tolist())
+    count = math.ceil(total / cell.impulse_interval) if cell.impulse_interval else 0
+    at = sorted(random.choice(np.arange(1, total - 1), count, replace=False).tolist())
     angles: list[Array] = []
     kinetic: list[float] = []
     raw: list[float] = []
@@ -421,7 +425,10 @@ def _followed(
         kinetic.append(float(chain.kinetic_energy(springs.rates)))
         raw.append(np.array(positions))
     track = np.array(raw).reshape(-1, len(charges))
-    beside = [frames_beside(speed, cell) for speed in walls.speeds]
+    beside = [
+        frames_beside(speed, cell, path.barrier_speed)
+        for speed, path in zip(walls.speeds, walls.paths, strict=True)
+    ]
     means = [
         averages_and_slopes(column, count) for column, count in zip(track.T, beside, strict=True)
     ]

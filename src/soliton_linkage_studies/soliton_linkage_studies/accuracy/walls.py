@@ -21,6 +21,7 @@ from soliton_linkage.linkage.deviations import NO_DEVIATIONS
 from soliton_linkage.orbit.orbit import Orbit
 from soliton_linkage.solitons.anti_kink import (
     anti_kink_path,
+    barrier_speed,
     continuum_anti_kink,
     resting_anti_kink,
 )
@@ -66,6 +67,8 @@ class WallPath:
     """Wall position of least energy."""
     left: Array
     """Angles of an even and an odd rotor far to the left of the wall [rad], shape (2,)."""
+    barrier_speed: float = 0.0
+    """A slower anti-kink oscillates in a well of the energy [spacings/s]; 0 for other walls."""
 
     @property
     def pinned(self) -> bool:
@@ -183,7 +186,8 @@ def wall_path(chain: Chain, charge: int, leg: int = 0) -> WallPath:
         return WallPath(-1, beside, None, rest, rest_position, left)
     least = int(np.argmin(window.elastic_energy(found)))
     spline = CubicSpline(counted, found)
-    return WallPath(-1, beside, spline, found[least], float(counted[least]), left)
+    speed = barrier_speed(window, counted, found)
+    return WallPath(-1, beside, spline, found[least], float(counted[least]), left, speed)
 
 
 _SETTLING = (60.0, 400.0)
