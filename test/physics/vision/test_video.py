@@ -77,6 +77,15 @@ def test_an_avi_film_of_the_suite_that_was_cut_is_reported(tmp_path):
         list(read_video(path).pictures)
 
 
+def test_an_mp4_film_that_lost_its_index_must_be_copied_again(tmp_path):
+    pytest.importorskip('av', reason='needs PyAV: pip install av')
+    path, picture = tmp_path / 'film.mp4', np.zeros((48, 64, 3), dtype=np.uint8)
+    write_video(path, (TimedPicture(n / 60, picture) for n in range(30)))
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with pytest.raises(ValueError, match='if it was cut, copy it again'):
+        read_video(path)
+
+
 def test_rows_of_a_turned_film_are_rows_of_the_sensor(tmp_path):
     pytest.importorskip('av', reason='needs PyAV: pip install av')
     path, upper = tmp_path / 'film.mp4', np.zeros((48, 64, 3), dtype=np.uint8)

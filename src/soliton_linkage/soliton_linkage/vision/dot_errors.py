@@ -7,9 +7,12 @@ where changes are below a threshold. A dot with repeated pixels may therefore ha
 zone). In videos with a dead zone, the errors are estimated from fast dots. The sixth divided
 differences of their angles contain only errors, because true angles vary smoothly. Let s^2 be the
 variance of resting dots, e^2 that of moving dots, and t the typical number of repetitions. A dot
-that was repeated n times has the variance
+that has not moved since the first picture, and was repeated n times, has the variance
 
     s^2 + (e^2 - s^2) / (1 + n / t).
+
+A dot that has moved has the variance e^2 while its pixels are repeated, because repeated pixels
+keep the error of the moving dot.
 
 The error of a fitted centre also depends on the position of the dot on the grid of pixels. While a
 dot rests, this error is constant, so that changes of its distance do not contain it. Therefore its
@@ -157,6 +160,7 @@ class DeadZone:
         self._length_errors = np.full((_ORDER + 1, rotors), np.nan)
         self._along, self._across, self._across_difference = (FadingMeanSquare() for _ in range(3))
         self._repeats = np.zeros(rotors)
+        self._first, self._moved = np.full(rotors, np.nan), np.zeros(rotors, dtype=bool)
         self._log_repeats = self._ended = 0.0
         self._since = MEMORY
 
@@ -179,6 +183,8 @@ class DeadZone:
         Until fast dots have been observed, the ratio of the variance of moving dots to the
         variance due to pixel noise is assumed to be `jumps` [1].
         """
+        self._first = np.where(np.isnan(self._first), dots.angles, self._first)
+        self._moved |= np.abs(dots.angles - self._first) * dots.pixels_per_radian > _RECORDED_STEP
         self._times = np.append(self._times[1:], dots.time)
         self._angles = np.vstack([self._angles[1:], dots.angles])
         self._length_errors = np.vstack([self._length_errors[1:], dots.length_errors])
@@ -200,7 +206,8 @@ class DeadZone:
         along = self._along.value(jumps)
         along *= max(1.0, self._across.value() / self._across_difference.value())
         usual = math.exp(self._log_repeats / max(self._ended, 1.0))
-        return resting + np.maximum(along - resting, 0.0) / (1 + self._repeats / usual)
+        repeats = np.where(self._moved, 0.0, self._repeats)
+        return resting + np.maximum(along - resting, 0.0) / (1 + repeats / usual)
 
 
 def _difference_weights(times: Array) -> Array:

@@ -156,9 +156,15 @@ class FrameMarkers:
         if len(found) * 4 < FEWEST_DOTS:
             return False
         numbers = sorted(found)
-        corners = self._layout.frame_corners[numbers].reshape(-1, 2)
-        rough, _ = fit_plane(self._camera, corners, np.concatenate([found[n] for n in numbers]))
-        centres, good = self._fit_centres(grey, rough, rough.pixels(self._points))
+        printed, corners = (
+            self._layout.frame_corners[numbers],
+            np.stack([found[n] for n in numbers]),
+        )
+        rough, _ = fit_plane(self._camera, printed.reshape(-1, 2), corners.reshape(-1, 2))
+        # The dots of markers that were printed too small are nearer to the centres.
+        dots, middles = self._layout.frame_dots, self._layout.frame_centres[:, None]
+        starts = middles + _print_scale(rough, corners, printed) * (dots - middles)
+        centres, good = self._fit_centres(grey, rough, rough.pixels(starts.reshape(-1, 2)))
         self.seen = int(good.sum())
         if self.seen < FEWEST_DOTS:
             return False
@@ -208,13 +214,11 @@ class FrameMarkers:
         self.deviation = self._noise / np.sqrt(len(points))
         self.placing = PlacingErrors(points, np.flatnonzero(self._known) // 4)
         whole = self._known.reshape(-1, 4).all(axis=1)
-        if whole.sum() > 1:
-            seen = self.plane.points(self._centres.reshape(-1, 4, 2)[whole])
-            size, distance = np.divide(_spreads(seen), _spreads(self._layout.frame_dots[whole]))
-            self.print_scale = float(size / distance)
+        seen = self._centres.reshape(-1, 4, 2)[whole]
+        self.print_scale = _print_scale(self.plane, seen, self._layout.frame_dots[whole])
         if whole.any():
             expected = self.plane.pixels(self._points).reshape(-1, 4, 2)[whole]
-            error = _shape_error(self._centres.reshape(-1, 4, 2)[whole], expected)
+            error = _shape_error(seen, expected)
             self.fit_error = float(np.sqrt(max(error**2 - self._variance / self._pictures, 0.0)))
 
     def _detect(self, grey: Picture) -> dict[int, Array]:
@@ -226,6 +230,18 @@ class FrameMarkers:
             for number, four in zip(np.ravel(numbers), corners, strict=True)
             if number < len(self._layout.frame_centres)
         }
+
+
+def _print_scale(plane: ChainPlane, pixels: Array, printed: Array) -> float:
+    """Return the ratio of the size of M markers to their distances, relative to the layout [1].
+
+    `pixels` and `printed` [m], (M, 4, 2), are four points of each marker. The ratio of a single
+    marker is assumed to be 1.
+    """
+    if len(pixels) < 2:
+        return 1.0
+    size, distance = np.divide(_spreads(plane.points(pixels)), _spreads(printed))
+    return float(size / distance)
 
 
 def _spreads(dots: Array) -> tuple[float, float]:

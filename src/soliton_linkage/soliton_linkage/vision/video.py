@@ -85,9 +85,12 @@ def read_video(path: Path) -> Video:
         stream = container.streams.video[0]
     except (av.error.FFmpegError, IndexError) as error:
         reason = getattr(error, 'strerror', None) or 'it contains no pictures'
-        raise ValueError(
-            f'film {str(path)!r} cannot be read ({reason}); give a video file such as MP4 or MOV'
-        ) from error
+        remedy = 'give a video file such as MP4 or MOV'
+        with path.open('rb') as file:
+            # The index of an MP4 file is usually at its end.
+            if file.read(8)[4:] == b'ftyp':
+                remedy = 'if it was cut, copy it again'
+        raise ValueError(f'film {str(path)!r} cannot be read ({reason}); {remedy}') from error
 
     def pictures() -> Iterator[TimedPicture]:
         first, taken = None, 0.0
@@ -180,7 +183,7 @@ def _checked(
     cut = head[:4] == b'RIFF' and int.from_bytes(head[4:8], 'little') + 8 > size
     if cut or (head[:1] == head[_PACKET:] == _SYNC and size % _PACKET):
         part = 'before its stated end' if cut else 'within a packet'
-        raise ValueError(f'film {str(path)!r} ends after {last:.2f} s {part}; copy it again')
+        raise ValueError(f'film {str(path)!r} ends after {last:.2f} s, {part}; copy it again')
 
 
 def _opened_camera(number: int) -> Any:
