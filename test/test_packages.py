@@ -81,7 +81,9 @@ def setup_data(package: str, monkeypatch: pytest.MonkeyPatch, *command: str) -> 
     monkeypatch.setattr('setuptools.setup', lambda **data: given.update(data))
     monkeypatch.setattr(sys, 'argv', ['setup.py', *command])
     path = SOURCES / package / 'setup.py'
-    exec(compile(path.read_text(encoding='utf-8'), path, 'exec'), {'__file__': str(path)})
+    module = {'__file__': str(path)}
+    exec(compile(path.read_text(encoding='utf-8'), path, 'exec'), module)
+    module['SCRATCH'].cleanup()
     return given
 
 

@@ -200,7 +200,10 @@ while len(observer.states) < {count}:
 def test_an_experiment_that_is_stopped_meanwhile_loses_no_state_of_a_replay(graph, named):
     tell_chain(graph, named)
     analyser = graph.start(SolitonAnalyser, EVERY_FRAME)
-    rest, count = named.chain.uniform_state(1), 2000
+    rest, count = named.chain.uniform_state(1), 1200
+    stamps = [time_to_msg(number * PERIOD) for number in range(count)]
+    frames = [frame_to_msg(named, Frame(rest, 0 * rest), 0 * rest, stamp) for stamp in stamps]
+    serialised = list(map(serialize_message, frames))
     observer = subprocess.Popen(
         [sys.executable, '-c', OBSERVER.format(count=count)],
         env={**os.environ, 'ROS_DOMAIN_ID': str(graph.domain)},
@@ -209,11 +212,10 @@ def test_an_experiment_that_is_stopped_meanwhile_loses_no_state_of_a_replay(grap
         topic = interfaces.SOLITON_STATE.name
         graph.until(lambda: analyser.count_subscribers(topic), 'the experiment')
         graph.next_report('soliton_analyser')
+        # DDS forgets a process that is stopped for 20 s, so that the loop must be short.
         observer.send_signal(signal.SIGSTOP)
-        for number in range(count):
-            stamp = time_to_msg(number * PERIOD)
-            frame = frame_to_msg(named, Frame(rest, 0 * rest), 0 * rest, stamp)
-            analyser.take(serialize_message(frame))
+        for message in serialised:
+            analyser.take(message)
         observer.send_signal(signal.SIGCONT)
         graph.until(lambda: observer.poll() == 0, f'{count} states in the experiment')
     finally:

@@ -35,8 +35,8 @@ _MOST_STEPS = 20
 """After a seek, a paused replay plays at most this number of messages to show a frame [1]."""
 _STEP_INTERVAL = 0.02
 """Pause after each message that is played after a seek, so that the page can receive it [s]."""
-_LONGEST_SEEK = 5.0
-"""After a seek, a paused replay waits at most this long for a frame and its state [s]."""
+_LONGEST_SEEK = 30.0
+"""After its last step, a paused replay waits at most this long for a frame and its state [s]."""
 _RESULTS = {
     'pause': 'paused',
     'resume': 'resumed',
@@ -279,7 +279,7 @@ class BagReplay(_BagProgram):
             if steps < _MOST_STEPS:
                 with contextlib.suppress(ValueError):
                     await self._request(commands, REPLAY, 'play_next')
-                    steps += 1
+                    steps, deadline = steps + 1, time.monotonic() + _LONGEST_SEEK
             await asyncio.sleep(_STEP_INTERVAL)
             if chain.newest_frame != before:
                 first = first or chain.newest_frame

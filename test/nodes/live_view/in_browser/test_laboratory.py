@@ -56,6 +56,7 @@ def camera(visit, stage):
 
 
 def test_a_chain_without_a_camera_shows_the_reason(visit):
+    visit.load()  # a page that has shown a picture keeps it
     visit.has_text('camera-figure', 'no node publishes camera_overlay; start camera_encoders')
     assert 'absent' in visit.page.locator('#live-camera-figure').get_attribute('class')
     assert not visit.page.locator('#live-camera').is_visible()

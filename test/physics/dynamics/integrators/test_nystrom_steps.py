@@ -65,6 +65,7 @@ def test_measurements_do_not_depend_on_the_split_of_steps():
     for _ in range(20):
         counts = rng.integers(1, 40, 12)
         assert measured(*counts) == measured(int(counts.sum()))
+    assert list(steps_to_measure(2, 20, 1)) == list(range(1, 21))
 
 
 def test_the_error_is_the_largest_of_the_measured_steps_which_are_taken_unchanged():

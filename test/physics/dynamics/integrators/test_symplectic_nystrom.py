@@ -89,6 +89,15 @@ def test_the_energy_does_not_drift():
     assert late < 2 * early
 
 
+@pytest.mark.parametrize('speed', [0.6, 1.0, 3.0])
+def test_the_energy_is_kept_though_springs_become_short(speed):
+    motion = EquationOfMotion(in_units(8, FLIPPER))
+    rates = speed * np.random.default_rng(3).standard_normal(8)
+    state = motion.state(motion.chain.uniform_state(1), rates)
+    states = solved(motion, state, np.linspace(0, 100, 1001), rtol=0, atol=1e-12)
+    assert np.ptp(energy(motion, states)) < 1e-8 * energy(motion, state[:, np.newaxis])
+
+
 @pytest.mark.parametrize('damping', [0.0, 0.02])
 def test_dense_output_is_of_the_order_of_the_steps(damping):
     motion = EquationOfMotion(in_units(8, SPINNER, damping=damping))

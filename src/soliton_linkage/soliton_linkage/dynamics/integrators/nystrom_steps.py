@@ -104,6 +104,11 @@ class SolverSettings:
     measured_every: int = 32
     """Number of steps from one error measurement to the next [1]. Sensitivity: at 0.5x, 6 % more
     force evaluations; at 2x, 3 % fewer."""
+    violent: float = 0.2
+    """The error of each step is measured if the kinetic energy of a rotor exceeds this fraction of
+    the energy that compresses a spring to length 0 [1]. A spring that becomes short changes its
+    torques within one step. Sensitivity: from 0.01 to 1, the same errors in such motions; at 0.5x,
+    5 % more force evaluations for a wall that was kicked with 30 rad/s."""
     steps_until_exact: int = 1000
     """Number of steps after which the cosines and sines are computed exactly again [1], because
     rounding errors accumulate."""
@@ -124,12 +129,12 @@ def steps_to_measure(taken: int, count: int, every: int) -> Numbers:
     """Return the indices of the steps, among the next `count`, whose error is measured.
 
     Counted from the last change of the step length, they are the steps 1, 4 and 16 and all
-    multiples of `every`. Since this change, `taken` steps have been taken; the next one has the
-    index 1.
+    multiples of `every`, in increasing order. Since this change, `taken` steps have been taken;
+    the next one has the index 1.
     """
     regular = np.arange(every - taken % every, count + 1, every)
     early = [step for step in (1, 4, 16) if taken < step <= taken + count]
-    return np.append(np.array(early) - taken, regular) if early else regular
+    return np.union1d(np.array(early, dtype=np.int64) - taken, regular)
 
 
 class NystromSteps:

@@ -96,6 +96,8 @@ class SymplecticNystrom(OdeSolver):
         self._since_change = 0
         self._even_from, self._even_steps = float(self.t), 0
         self._states = self.y[np.newaxis]
+        energy = settings.violent * fun.chain.stiffness * fun.chain.rest_length**2 / 2
+        self._violent = math.sqrt(2 * energy / fun.inertias.min())
         self._longest = self._longest_from(self.y)
         self.length: float = min(first_step or self._longest, self._longest)
 
@@ -166,7 +168,7 @@ class SymplecticNystrom(OdeSolver):
 
         If a measured error exceeds 1, only the steps up to the previous measurement are accepted.
         """
-        every = self._settings.measured_every
+        every = 1 if self._fastest > self._violent else self._settings.measured_every
         measured = steps_to_measure(self._since_change, count, every)
         checks = Checks(self._absolute, self._relative, measured)
         states, error = self._steps.advance(self.y, step, count, checks)
@@ -202,8 +204,8 @@ class SymplecticNystrom(OdeSolver):
     def _longest_from(self, state: Array) -> float:
         """Return the longest stable step in which no drift exceeds LARGEST_TURN [s]."""
         rotors = self._motion.rotors
-        fastest = float(np.abs(state[rotors : 2 * rotors]).max())
-        turning = _LONGEST_DRIFT * fastest / (self._settings.safety * LARGEST_TURN)
+        self._fastest = float(np.abs(state[rotors : 2 * rotors]).max())
+        turning = _LONGEST_DRIFT * self._fastest / (self._settings.safety * LARGEST_TURN)
         limit = max(turning, self._motion.fastest_rate / STABLE_STEP)
         return min(self._max_step, 1 / limit)
 
