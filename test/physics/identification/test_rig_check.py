@@ -286,3 +286,11 @@ def test_too_few_frames_are_an_error() -> None:
     few = WatchedFrames(np.arange(2.0), np.arange(2.0), np.zeros((2, 12)))
     with pytest.raises(ValueError, match='2 frames are too few'):
         check_rig(few, [], NAMES, CHAIN)
+
+
+def test_readings_that_do_not_change_at_rest_are_right_and_have_no_noise():
+    watched = replace(at_rest(), angles=np.tile(CHAIN.uniform_state(-1), (1000, 1)))
+    found = check_rig(watched, [], NAMES, CHAIN)
+    noise = next(each for each in found.findings if each.subject == 'noise')
+    assert noise.verdict == RIGHT
+    assert noise.text == 'the reading of the median rotor does not change at rest'

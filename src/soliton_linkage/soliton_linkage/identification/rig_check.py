@@ -295,7 +295,9 @@ def _noise_findings(noise: Array, names: Sequence[str]) -> Iterator[RigFinding]:
         )
         yield RigFinding(DOUBTFUL, 'noise', text)
     else:
-        yield RigFinding(RIGHT, 'noise', f'the noise of the median rotor is {usual:.2g} rad')
+        text = f'the noise of the median rotor is {usual:.2g} rad'
+        steady = 'the reading of the median rotor does not change at rest'
+        yield RigFinding(RIGHT, 'noise', text if usual else steady)
 
 
 def _turn_findings(turns: Sequence[Turn], names: Sequence[str]) -> Iterator[RigFinding]:
