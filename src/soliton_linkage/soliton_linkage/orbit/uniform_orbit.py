@@ -196,23 +196,44 @@ class _ShortOrbit:
             float(brentq(self._rate, *self.middles[leg : leg + 2], args=(leg,), xtol=1e-12))
             for leg in range(legs)
         ]
-        self.edges = [[self._edge(leg, first) for first in (False, True)] for leg in range(legs)]
+        depth = penetration_depth(chain) / chain.spacing
+        reach = min(middle, 2 + _DEPTHS_OF_EDGE * depth)
+        count = math.ceil(_SAMPLES_A_SITE * reach / max(depth, 1.0)) + 3
+        distances = np.linspace(0.0, reach, count)
+        last = [self._speeds_near_last(distances, leg) for leg in range(legs)]
+        first = [last[self._mirrored(leg)] for leg in range(legs)]
+        self.edges = [
+            [
+                self._edge(leg, *each, distances)
+                for each in ((False, last[leg]), (True, first[leg]))
+            ]
+            for leg in range(legs)
+        ]
         """For each leg two functions, for the last and for the first rotor, that return the
         distance of the wall from this rotor [rotor spacings]. Their argument is the distance that
         would result if site and arc length were proportional."""
 
-    def _edge(self, leg: int, at_first: bool) -> PiecewiseCubic:
-        chain, last = self._chain, self._chain.number_of_rotors - 1
-        depth = penetration_depth(chain) / chain.spacing
-        reach = min(last / 2, 2 + _DEPTHS_OF_EDGE * depth)
-        count = math.ceil(_SAMPLES_A_SITE * reach / max(depth, 1.0)) + 3
-        distances = np.linspace(0.0, reach, count)
-        speeds = []
+    def _mirrored(self, leg: int) -> int:
+        """Return the leg to which the mirror image of a wall in `leg` belongs."""
+        if self._chain.motion is Motion.SPINNER:
+            return 1 - leg if self._chain.number_of_rotors % 2 else leg
+        return (-leg if self._chain.lean_ratio <= 1 else 2 - leg) % 4
+
+    def _speeds_near_last(self, distances: Array, leg: int) -> Array:
+        """Return |ds / d(site)| of walls at some distances from the last rotor [rad].
+
+        The distances have the unit rotor spacings. Both arrays have the same shape.
+        """
+        chain, last, speeds = self._chain, self._chain.number_of_rotors - 1, []
         for distance in np.maximum(distances, _STEP).tolist():
-            site = distance if at_first else last - distance
-            walls = [static_wall(chain, site + step, leg) for step in (-_STEP, _STEP)]
+            walls = [static_wall(chain, last - distance + step, leg) for step in (-_STEP, _STEP)]
             speeds.append(float(np.linalg.norm(wrapped(walls[1] - walls[0]))) / (2 * _STEP))
-        way = CubicSpline(distances, np.array(speeds) / site_arc(chain)).antiderivative()
+        return np.array(speeds)
+
+    def _edge(self, leg: int, at_first: bool, speeds: Array, distances: Array) -> PiecewiseCubic:
+        """Return an element of `edges`; `speeds` are |ds / d(site)| at the `distances` [rad]."""
+        chain, last, reach = self._chain, self._chain.number_of_rotors - 1, distances[-1]
+        way = CubicSpline(distances, speeds / site_arc(chain)).antiderivative()
         without = reach + way(distances) - way(reach)
         # Some walls of flippers are reflected before they reach the edge rotor.
         begin = self.reflections[leg - 1] - (self.length if leg == 0 else 0.0)
@@ -294,7 +315,7 @@ class _ShortOrbit:
         return float(second[-1] if leg % 2 == 0 else first[0])
 
 
-_short_orbit = lru_cache(maxsize=4)(_ShortOrbit)
+_short_orbit = lru_cache(maxsize=16)(_ShortOrbit)
 
 
 def _short_chain(chain: Chain) -> Chain:

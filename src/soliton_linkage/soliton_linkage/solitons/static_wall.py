@@ -127,15 +127,15 @@ def angles_from_seed(
         raise ValueError(f'seed = {seed} must be a rotor from 0 to {chain.number_of_rotors - 1}')
     if not math.isfinite(angle):
         raise ValueError(f'angle of rotor {seed} = {angle} rad must be a finite number')
-    angles = np.empty(chain.number_of_rotors)
+    spacings, angles = chain.spacings.tolist(), [0.0] * chain.number_of_rotors
     angles[seed] = angle
     for n in range(seed, chain.number_of_rotors - 1):
-        offset = -chain.spacings[n]
-        angles[n + 1] = neighbour_angle(chain, n, n + 1, angles[n], offset, right_branches[n])
+        branch = right_branches.item(n)
+        angles[n + 1] = neighbour_angle(chain, n, n + 1, angles[n], -spacings[n], branch)
     for n in range(seed - 1, -1, -1):
-        offset = chain.spacings[n]
-        angles[n] = neighbour_angle(chain, n, n, angles[n + 1], offset, left_branches[n])
-    return angles
+        branch = left_branches.item(n)
+        angles[n] = neighbour_angle(chain, n, n, angles[n + 1], spacings[n], branch)
+    return np.array(angles)
 
 
 def neighbour_angle(
@@ -149,10 +149,9 @@ def neighbour_angle(
     `branch` (+1 or -1) times beta, where lbar^2 = D^2 + r^2 - 2 D r cos(beta), with the length
     lbar of the bar and the rotor length r. Raises ValueError if the bar is too short or too long.
     """
-    known = bar if rotor > bar else bar + 1
-    r, length = float(chain.rotor_lengths[rotor]), float(chain.rest_lengths[bar])
-    h = offset + float(chain.rotor_lengths[known]) * math.sin(known_angle)
-    v = float(chain.rotor_lengths[known]) * math.cos(known_angle)
+    r, length = chain.rotor_lengths.item(rotor), chain.rest_lengths.item(bar)
+    known = chain.rotor_lengths.item(bar if rotor > bar else bar + 1)
+    h, v = offset + known * math.sin(known_angle), known * math.cos(known_angle)
     distance = math.hypot(h, v)
     above = (length - distance + r) * (length + distance - r)
     below = (distance + r - length) * (distance + r + length)
@@ -165,10 +164,11 @@ def neighbour_angle(
     return math.atan2(h, v) + branch * 2 * math.atan2(math.sqrt(above), math.sqrt(below))
 
 
+@lru_cache(maxsize=16)
 def bar_branches(chain: Chain, leg: int, inverted: bool) -> tuple[Array, Array]:
     """Return the signs of A_n on the left of a wall and of B_n on its right, (springs,) each.
 
-    The docstring of `static_wall` explains `leg` and `inverted`.
+    The docstring of `static_wall` explains `leg` and `inverted`. The arrays are read-only.
     """
     first, _ = rigidity_bands(chain, _uniform_state(chain, 1, inverted))
     _, second = rigidity_bands(chain, _uniform_state(chain, -1, inverted))
@@ -176,6 +176,7 @@ def bar_branches(chain: Chain, leg: int, inverted: bool) -> tuple[Array, Array]:
     first_toggled, last_toggled = toggled_edges(chain, leg)
     left[0] *= -1 if first_toggled else 1
     right[-1] *= -1 if last_toggled else 1
+    left.flags.writeable = right.flags.writeable = False
     return left, right
 
 
@@ -273,6 +274,7 @@ def _symmetric_wall(chain: Chain, rotor: int, leg: int) -> Array:
     return angles_from_seed(chain, rotor, angle if upright else math.pi - angle, *branches)
 
 
+@lru_cache(maxsize=16)
 def _without_deviations(chain: Chain) -> Chain:
     return replace(chain, number_of_rotors=3, periodic=False, deviations=NO_DEVIATIONS)
 
