@@ -114,6 +114,20 @@ def test_the_variance_falls_with_the_number_of_repeats_of_a_dot_that_has_not_mov
     assert (deviations[100:] == updated).all()
 
 
+def test_dots_in_a_dead_zone_have_its_errors_before_fast_dots_are_observed():
+    scale, repeated = ErrorScale(ROTORS), np.arange(ROTORS) % 2 == 1
+    pixels, rests = np.linspace(20, 200, ROTORS), 0 * ONES
+    noise = 1e-3 / pixels
+    for picture in range(20):
+        dots = DotMeasurements(picture / 60, rests, noise, ONES, pixels, rests, repeated)
+        errors = scale.update(dots) * noise * pixels
+    np.testing.assert_allclose(errors[::2], 0.02, rtol=1e-2)
+    assert (errors[1::2] < errors[::2]).all()
+    hidden = np.full(ROTORS, np.nan)
+    dots = DotMeasurements(1.0, hidden, hidden, hidden, hidden, rests, NEVER)
+    assert np.isnan(scale.update(dots)).all()
+
+
 def test_a_dead_zone_is_present_if_some_dots_repeat_and_others_do_not():
     zone = DeadZone(DOTS)
     for repeated in (NONE, ALL):
