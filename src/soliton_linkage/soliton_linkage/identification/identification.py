@@ -60,9 +60,10 @@ _RIGID = (
 _ADJUSTMENTS = 6
 """Largest number of fits of the lengths [1]; outliers are removed after each one."""
 _CLEAR = 12.0
-"""If a fit of springs does not explain the readings, an error of an encoder that is larger than
-this in the fit of bars is reported at once [standard deviations]. Strained springs cause apparent
-errors of up to 10."""
+"""If a fit of springs does not explain the readings, or explains them only with an error of an
+encoder, the error that the fit of bars shows is reported if it is larger than this [standard
+deviations]. The masses and stiffnesses of springs adapt to such errors and hide them. Strained
+springs cause apparent errors of up to 10 in the fit of bars."""
 _MOST_FITTED = 3000
 """Largest number of frames in the fit of a motion; for 40 rotors, this fit takes 20 s or more."""
 
@@ -135,6 +136,7 @@ def _by_model(
     inputs = found.residuals[frames], found, given, noise, tolerance, spacing_known, stages
     bar_noise = max(noise, found.noise)
     fault = encoder_fault(readings.joints, *bar_scores(readings, found, bar_noise))
+    clear = fault if fault and fault.decrease > _CLEAR**2 else None
 
     def excess_of(fit: MotionFit) -> tuple[float, tuple[float, float]]:
         lengths = 0.0 if tolerance else fit.prior.tolerances.lengths
@@ -143,8 +145,8 @@ def _by_model(
     def fit_springs(part: Readings) -> tuple[MotionFitter, MotionFit] | str:
         fitted = _fit_springs(part, *inputs)
         explained = not isinstance(fitted, str) and not unexplained(*excess_of(fitted[1]))
-        if fault and fault.decrease > _CLEAR**2 and not explained:
-            raise ValueError(fault.text)
+        if clear and not explained:
+            raise ValueError(clear.text)
         return fitted
 
     fitted, kicks = fit_around_kicks(some, fit_springs, noise, max(found.noise, LEAST_NOISE))
@@ -152,7 +154,8 @@ def _by_model(
         fitter, fit = fitted
         check_slips(some, fit.residuals, fit.noise)
         spring_fault = encoder_fault(readings.joints, *fitter.error_scores())
-        check_explained('springs', *excess_of(fit), fit.residuals, some, spring_fault)
+        fault = spring_fault and (clear or spring_fault)
+        check_explained('springs', *excess_of(fit), fit.residuals, some, fault)
         fit = fitter.sampled(fit)
         given = _scaled(given, readings, fit.motion.gravity)
         scale = mass_scale(fit, some, given.spacing)

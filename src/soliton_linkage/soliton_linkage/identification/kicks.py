@@ -81,7 +81,7 @@ def _possible_kick(some: Readings, fitted: _Fitted, noise: float) -> float | Non
     fitter, fit = fitted
     times = np.array([*(time for time, _ in steps), some.times[_worst_frame(fit)]])
     frames = np.searchsorted(some.times, [times - _BEFORE_KICK, times + ARRIVAL])
-    gains = [fitter.gain_by_kick(*each) for each in frames.T.tolist()]
+    gains = fitter.gains_by_kicks(frames.T.tolist())
     # By chance, an additional initial state reduces the sum of squares by 2 N, with variance 4 N.
     rotors = fit.residuals.shape[1]
     significant = max(gains) > 2 * rotors + _KICKED * math.sqrt(4 * rotors)

@@ -95,9 +95,9 @@ expected in this step, divided by the number of unknowns, is larger than this [1
 _SLOW = 0.5
 """After a step, the matrices are also computed again if the convergence is slow, that is, if the
 expected decrease is larger than this times the expected decrease in the previous step [1]."""
-_SHARES = 0.2, 0.5, 0.7, 0.99
-"""Fractions of the work that are done after each of four stages [1]: search for the initial
-stiffness, merging of windows, estimation of the tolerances, and samples."""
+_SHARES = 0.2, 0.35, 0.5, 0.75, 0.99
+"""Fractions of the work that are done after each of five stages [1]: search for the initial
+stiffness, merging of windows, estimation of the tolerances, search for kicks, and samples."""
 _DAMPED = 1e-3
 """If the damping factor is not smaller than this [1], a small expected decrease does not count as
 convergence, because the damping may have caused it."""
@@ -167,7 +167,7 @@ class MotionFitter:
 
         `bar_noise` is the residual noise of the fit of bars [rad].
         """
-        show, (begun, merged, estimated, _) = self._stages, _SHARES
+        show, (begun, merged, estimated, *_) = self._stages, _SHARES
         show.enter(0.0, begun)
         if not self._begin(bar_noise):
             return None
@@ -210,12 +210,21 @@ class MotionFitter:
             math.sqrt(self._record.stamps.variance) * self._noise,
         )
 
-    def gain_by_kick(self, before: int, after: int) -> float:
-        """Return by how much -2 log likelihood decreases if a kick acts between two frames [1].
+    def gains_by_kicks(self, kicks: Sequence[tuple[int, int]]) -> list[float]:
+        """Return by how much -2 log likelihood decreases if a kick acts, for each of K kicks [1].
 
-        The frames before `before` and those from `after` on have separate initial states; the
+        A kick acts between two frames, of which the numbers are given. The frames before the first
+        one, and the frames from the second one on, are fitted with separate initial states. The
         frames between are not used.
         """
+        ends = np.linspace(*_SHARES[2:4], len(kicks) + 1).tolist()
+        gains = []
+        for number, frames in enumerate(kicks):
+            self._stages.enter(*ends[number : number + 2])
+            gains.append(self._gain_by_kick(*frames))
+        return gains
+
+    def _gain_by_kick(self, before: int, after: int) -> float:
         found = self._windows
         self._windows = windows_around(found, self._record.times, before, after)
         if len(self._windows) == len(found):
@@ -248,7 +257,7 @@ class MotionFitter:
         random, values = np.random.default_rng(0), prior.evaluate(self._motion)[1]
         samples = []
         for number in range(_SAMPLES):
-            begin, end = _SHARES[2:]
+            begin, end = _SHARES[3:]
             ends = (begin + (end - begin) * each / _SAMPLES for each in (number, number + 1))
             self._stages.enter(*ends)
             noise = self._noise * record.deviations * random.standard_normal(record.readings.shape)
