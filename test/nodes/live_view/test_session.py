@@ -18,7 +18,7 @@ SLOW = """
 
 
 def test_a_killed_node_is_started_again_and_named(graph, start, tmp_path):
-    states = graph.hear(interfaces.SOLITON_STATE)
+    states, reports = graph.hear(interfaces.SOLITON_STATE), graph.reports('edge_actuator')
     config = tmp_path / 'slow.yaml'
     config.write_text(SLOW)
     options = ('--output', str(tmp_path / 'out'), '--port', '0', '--no-browser')
@@ -29,16 +29,16 @@ def test_a_killed_node_is_started_again_and_named(graph, start, tmp_path):
     assert address.endswith('/')
     folder = f'/proc/{program.process.pid}/task/{program.process.pid}'
     children = [int(pid) for pid in Path(folder, 'children').read_text().split()]
-    (analyser,) = [
-        pid for pid in children if b'soliton_analyser' in Path(f'/proc/{pid}/cmdline').read_bytes()
+    (actuator,) = [
+        pid for pid in children if b'edge_actuator' in Path(f'/proc/{pid}/cmdline').read_bytes()
     ]
-    os.kill(analyser, signal.SIGKILL)
+    os.kill(actuator, signal.SIGKILL)
     graph.until(
-        lambda: 'soliton_analyser ended with exit code -9; restarting it.' in program.said,
+        lambda: 'edge_actuator ended with exit code -9; restarting it.' in program.said,
         'the restart',
     )
-    states.clear()
-    graph.until(lambda: states, 'a state of the new analyser')
+    reports.clear()
+    graph.until(lambda: reports, 'a report of the new actuator')
     assert program.stop() == 130
 
 
