@@ -32,13 +32,14 @@ _PAUSE = 1.0
 _SHORTEST = 30
 """`divided` omits parts with fewer frames than this [1]."""
 _RESET_STEP = 0.1
-"""A rotor counts as stepping if its angle changes by more than this between two frames [rad]."""
+"""A rotor counts as stepping if its angle changes by more than this between two frames [rad].
+Sensitivity: 1.7 % of 1440 resets are missed; at 0.5x, 1.5 %; at 2x, 2.5 %."""
 _RESET_ROTORS = 2
 """A reset is assumed only if at least this many rotors step [1]; a single encoder may slip."""
 _RESET_RATIO = 4.0
 """A reset is assumed only if the norm of the changes of all angles is larger than this times the
 norms one frame earlier and later [1]. For moving walls at 10 to 500 frames per second, this ratio
-was at most 2.3."""
+was at most 2.3. Sensitivity: 1.7 % of 1440 resets are missed; at 0.5x, 1.0 %; at 2x, 3.4 %."""
 _LARGEST_RELATIVE_DEVIATION = 100.0
 """Standard deviations, divided by the typical one, are limited to 1 / this and this [1]."""
 
