@@ -78,6 +78,25 @@ def test_a_kink_and_an_anti_kink_are_located_with_the_stated_deviation(name):
     assert max(map(abs, errors)) < 4
 
 
+def test_waves_increase_the_stated_deviations_from_the_first_frame_on():
+    chain, scores = CHAINS['flipper'], []
+    fresh = Analyser(replace(chain, number_of_rotors=2 * (chain.number_of_rotors - 2) + 1))
+    for seed in range(6):
+        rng, analyser = np.random.default_rng(seed), deepcopy(fresh)
+        theta, true = kink_and_anti_kink(chain, 28.3)
+        angles = staggered(theta) + 0.03 * rng.standard_normal(len(theta))
+        for frame in range(8):
+            noise = 0.001 * rng.standard_normal(len(theta))
+            found = analyser.analyse(frame * 4_000_000, angles + noise)
+            assert found is not None
+            scores += [
+                (wall.rotor - x) * chain.spacing / wall.position_deviation
+                for wall, x in zip(found.solitons, true, strict=True)
+            ]
+    assert np.sqrt(np.mean(np.square(scores))) < 1.5
+    assert np.abs(scores).max() < 4
+
+
 @pytest.mark.parametrize('mirrored', [False, True])
 def test_an_anti_kink_is_located_while_a_kink_leaves_at_the_edge(mirrored):
     chain = Chain(61, rotor_length=0.03, rest_angle=0.97)

@@ -317,10 +317,22 @@ class ResidualVariance:
         """Return the variance of the difference between a rotor's angle and the orbit [rad^2]."""
         noise = self.noise
         field = max(noise.scatter - noise.variance, 0.0) + _FIELD_RATIO * noise.excess
-        unknown = math.exp(-self.frames / self._settings.tracking.settled)
         exchange = _EDGE_RATIO if self.at_edge else 1.0
-        field += self.elastic * exchange * max(min(self.way, 1.0), unknown)
+        field += self.elastic * exchange * max(min(self.way, 1.0), self._unknown)
         return noise.variance + min(field, self.largest_field)
+
+    @property
+    def _unknown(self) -> float:
+        return math.exp(-self.frames / self._settings.tracking.settled)
+
+    @property
+    def persistent_bound(self) -> float:
+        """Upper bound of the variance of the persistent residuals near a wall [rad^2].
+
+        In the first frames, noise and persistent residuals cannot be separated.
+        """
+        bound = min(self.elastic, self.noise.scatter) * self._unknown
+        return max(self.noise.excess, bound)
 
     def of_arc(self, view: LinearisedMeasurement) -> float:
         """Return the variance of a measured arc length along the orbit [rad^2].

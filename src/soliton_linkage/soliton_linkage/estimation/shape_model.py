@@ -226,7 +226,7 @@ class ShapeMeasurementModel:
             deviation=math.sqrt(variance),
             charge=wall.charge,
             width=width,
-            bias=residual.noise.excess / self._arc**2,
+            bias=residual.persistent_bound / self._arc**2,
             pinning=self._shapes.pinning_speed if wall.charge < 0 else 0.0,
         )
 
