@@ -101,6 +101,13 @@ def test_the_first_frame_is_not_shown_with_an_earlier_state(graph, page):
     assert 'rotor' not in page.model.numbers
 
 
+def test_a_state_that_arrives_after_its_frame_was_shown_alone_is_shown(graph, page):
+    page.publish_frame(SECOND, 0.0)
+    graph.until(lambda: page.update() or page.model.frames == 1, 'the frame')
+    page.publish_state(SECOND, 3.0)
+    graph.until(lambda: page.update() or page.model.numbers.get('rotor') == 3.0, 'its state')
+
+
 def test_each_frame_has_its_own_state_if_the_analyser_lags(graph, page):
     lag, model = 20, page.model
     numbers, shown = count(1), list[bool]()

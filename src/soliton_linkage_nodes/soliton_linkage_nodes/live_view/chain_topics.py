@@ -262,7 +262,10 @@ class ChainTopics:
             self.model.update_joints(self._frames[frame])
         # Delete messages in the order of their arrival, because stamps may restart at a reset.
         for kept in (self._frames, self._analysed):
-            for stamp in _until(kept, paired[-1]) if paired else list(kept) if silent else ():
+            shown = _until(kept, paired[-1]) if paired else list(kept) if silent else []
+            if kept is self._frames and not paired:
+                del shown[-1:]  # its state may still arrive
+            for stamp in shown:
                 del kept[stamp]
 
     def adapt(self) -> None:
