@@ -146,3 +146,19 @@ def test_the_offset_of_an_encoder_that_slips_is_found():
         noisy[1] += 0.3 * (frame > 300)
         tracker.update(0.004 * frame, noisy)
     assert tracker.offsets.corrections[1] == pytest.approx(0.3, abs=SMALL_NOISE)
+
+
+def test_an_offset_near_an_edge_does_not_drag_the_wall():
+    orbit = UniformOrbit(chain_of(FLIPPER, 33))
+    rate = 4.0 * orbit.site_arc
+    for seed in range(4):
+        random, tracker = np.random.default_rng(seed), OrbitFilter(orbit)
+        start, scores = orbit.arc_at(28.0, 0), []
+        for frame in range(300):
+            arc = start + rate * 0.002 * frame
+            angles = orbit.configuration(arc) + random.normal(0, 0.01, 33)
+            angles[::10] += 0.1
+            found = tracker.update(0.002 * frame, angles)
+            scores.append((found.site - orbit.site(arc)) / found.site_deviation)
+        assert orbit.site(arc) > 30.3
+        assert np.abs(scores[20:]).max() < 4

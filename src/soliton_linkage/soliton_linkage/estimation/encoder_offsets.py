@@ -221,7 +221,8 @@ class FarFieldResiduals:
         self._unsteady += (squares - self._unsteady) / _FEWEST_MEANS
         # The residual of an oscillating rotor changes from block to block; an offset does not.
         unsteady = np.maximum(self._unsteady - 4 * noise, 0.0)
-        self._beside = np.where(inside & (sides == 0), np.abs(means) - speed**2, 0.0)
+        beside = np.abs(means) - speed**2 if inside else self._beside
+        self._beside = np.where(sides == 0, beside, 0.0)
         changed[np.isnan(innovations)] = np.nan
         first, self._first = self._first, False
         if _trimmed_mean(innovations[known] ** 2) > strong:

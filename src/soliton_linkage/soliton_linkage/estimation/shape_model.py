@@ -63,6 +63,7 @@ class ShapeMeasurementModel:
         """Start without frames; `noise` is the standard deviation of the angles [rad] or None."""
         self._shapes, self._line, self._arc = shapes, line, site_arc
         self._of_charge = {1: shapes.kinks, -1: shapes.anti_kinks}
+        self._pinning = {1: 0.0, -1: shapes.pinning_speed}
         self._chain = chain = shapes.chain
         likelihood, swing = settings.likelihood, rotor_swing(chain)
         self._likelihood = FrameLikelihood(swing, likelihood)
@@ -227,7 +228,7 @@ class ShapeMeasurementModel:
             charge=wall.charge,
             width=width,
             bias=residual.persistent_bound / self._arc**2,
-            pinning=self._shapes.pinning_speed if wall.charge < 0 else 0.0,
+            pinning=self._pinning[wall.charge],
         )
 
 
