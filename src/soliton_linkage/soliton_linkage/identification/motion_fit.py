@@ -98,6 +98,9 @@ expected decrease is larger than this times the expected decrease in the previou
 _SHARES = 0.2, 0.35, 0.5, 0.75, 0.99
 """Fractions of the work that are done after each of five stages [1]: search for the initial
 stiffness, merging of windows, estimation of the tolerances, search for kicks, and samples."""
+_INITIAL_DAMPING = 0.1
+"""Damping factor of the first step if the expected decrease is large (see `_FAR`) [1]. At 0, some
+fits of wobbling flippers end in a local minimum that looks like a kick; at 0.01, they do not."""
 _DAMPED = 1e-3
 """If the damping factor is not smaller than this [1], a small expected decrease does not count as
 convergence, because the damping may have caused it."""
@@ -306,7 +309,8 @@ class MotionFitter:
         return sum(float(np.maximum(each - 2, 0).sum()) for each in counts)
 
     def _counts(self, window: FreeWindow) -> Array:
-        return np.asarray(self._seen(window) / self._repeats[window.frames])
+        seen = np.isfinite(self._record.readings[window.frames])
+        return np.asarray(seen / self._repeats[window.frames])
 
     def _scatter(self) -> float:
         count = sum(float(self._counts(window).sum()) for window in self._windows)
@@ -348,9 +352,6 @@ class MotionFitter:
             cost += float(np.sum(whitened**2)) / self._noise**2
         return (cost if math.isfinite(cost) else math.inf), states
 
-    def _seen(self, window: FreeWindow) -> Array:
-        return np.isfinite(self._record.readings[window.frames])
-
     def _equations(self) -> list[Array]:
         return [window_matrix(window, self._record, self._every) for window in self._windows]
 
@@ -361,9 +362,11 @@ class MotionFitter:
             return
         right, at = self._right(states), self._motion.slices
         pairs: list[tuple[Array, Array]] = []
-        damping, last, rejected = 0.0, math.inf, 0
+        damping, first, last, rejected = 0.0, 0.0, math.inf, 0
         solve, fresh = self._solver(equations, damping), True
-        first = 0.0
+        if right @ solve(right) > _FAR * self._unknowns:
+            damping = _INITIAL_DAMPING
+            solve = self._solver(equations, damping)
         while rejected < _DAMPINGS:
             step = quasi_newton_step(right, solve, pairs)
             expected = float(step @ right)
