@@ -115,7 +115,7 @@ def test_the_reported_work_equals_the_change_of_the_energy(graph, name):
         rig.say(*COMMANDS[name])
         kick = rig.next_kick()
         gained = rig.energy - before
-        # What the solver gains or loses in a few hundred steps is below 1e-9 of the energy.
+        # What the solver gains or loses in a few hundred steps is below 1e-8 of the energy.
         assert kick.work == pytest.approx(gained, rel=1e-8, abs=1e-13)
         assert abs(gained) > 1e-7
         assert kick.measured

@@ -143,8 +143,9 @@ class FarFieldResiduals:
     def __init__(self, offsets: EncoderOffsets, chain: Chain, strong: float) -> None:
         """Start without frames.
 
-        A block is ignored if its mean squared residual is above `strong` [rad^2] and its residuals
-        differ from those of the preceding block, because waves have these two effects.
+        Waves increase the residuals and change them from block to block. Therefore a block is
+        ignored if its mean squared residual is above `strong` [rad^2] and its residuals differ
+        from the preceding block.
         """
         self._offsets, self._settings = offsets, offsets.settings
         self._margin = 1 + _DEPTHS_BESIDE * penetration_depth(chain) / chain.spacing

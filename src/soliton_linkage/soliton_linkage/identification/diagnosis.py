@@ -20,9 +20,9 @@ _LARGEST_SPREADS = 0.2, 0.25
 """Largest plausible relative standard deviations [1] of lengths of one kind, for example of all
 spacings, and of masses and stiffnesses."""
 _USUAL_OF_ROTOR, _USUAL_OF_FRAMES = 1.3, 0.3
-"""Usual values of the two ratios that rank causes [1]. The mean square residual of the worst
-rotor, divided by that of all rotors, is larger if one encoder is wrong. The share of the worst
-tenth of the frames in the squared residuals is larger if a kick or a hand has acted."""
+"""Usual values of the two ratios that rank causes [1]. The ratio of the mean square residual of
+the worst rotor to the mean over all rotors is larger if one encoder is wrong. The share of the
+worst tenth of the frames in the squared residuals is larger if a kick or a hand has acted."""
 _FAR_SPACING = 1.5
 """A spacing is reported if it is more than this times the median spacing, or less than the median
 spacing divided by this [1]."""

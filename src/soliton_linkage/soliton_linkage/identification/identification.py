@@ -229,7 +229,7 @@ def _fit_springs(
 ) -> tuple[MotionFitter, MotionFit] | str:
     """Fit springs; return the reason if the fit fails, and '' if rigid bars fit equally well.
 
-    `residuals` [rad] are those of the fit `found` in the frames of `some`.
+    `residuals` [rad] of the fit `found` belong to the frames of `some`.
     """
     rotors = found.lengths.rotors
     angles = some.filled - found.lengths.offsets - residuals

@@ -171,7 +171,7 @@ class Tolerances:
         return information
 
     def is_close(self, other: Tolerances, fraction: float) -> bool:
-        """Return whether both tolerances equal those of `other` within a `fraction` [1]."""
+        """Return whether both tolerances agree with `other` within a `fraction` [1]."""
         return (
             abs(self.lengths - other.lengths) <= fraction * other.lengths
             and abs(self.offsets - other.offsets) <= fraction * other.offsets

@@ -216,9 +216,9 @@ class MotionFitter:
     def gains_by_kicks(self, kicks: Sequence[tuple[int, int]]) -> list[float]:
         """Return by how much -2 log likelihood decreases if a kick acts, for each of K kicks [1].
 
-        A kick acts between two frames, of which the numbers are given. The frames before the first
-        one, and the frames from the second one on, are fitted with separate initial states. The
-        frames between are not used.
+        `kicks` contains two frame numbers for each kick. The frames before the first number and
+        the frames from the second number on are fitted with separate initial states. The frames
+        between are not used.
         """
         ends = np.linspace(*_SHARES[2:4], len(kicks) + 1).tolist()
         gains = []

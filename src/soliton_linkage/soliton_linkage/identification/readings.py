@@ -274,7 +274,7 @@ _AT_REST = 0.1
 """The frames that are selected while all rotors rest are at most this times those that are
 selected while a rotor turns [1], both in total and per second."""
 _FILLINGS = 5
-"""Number of iterations that limit the density of selected frames to that of all frames [1]."""
+"""Number of iterations that limit the density of selected frames to the density of all [1]."""
 
 
 def informative_frames(

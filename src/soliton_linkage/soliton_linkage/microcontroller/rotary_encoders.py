@@ -171,7 +171,7 @@ class AngleStream:
         return StampedAngles(stamp, self._reader.read(frame))
 
     def _count_lost(self, number: int) -> None:
-        """Compare the latest number with several previous ones, of which one may be wrong."""
+        """Compare the latest number with several previous ones, because one may be wrong."""
         totals = [
             lost + missing
             for earlier, arrived, lost in self._numbers

@@ -47,9 +47,9 @@ _SAMPLES = 4
 
 
 class Shifts(NamedTuple):
-    """Standard deviations of errors of a wall, each divided by that of the far rotor's error.
+    """Standard deviations of errors of a wall, relative to the error of a far rotor.
 
-    `WallShifts` defines this error.
+    `WallShifts` defines the error of a far rotor.
     """
 
     arc: float

@@ -63,7 +63,7 @@ def assign_dots(
 
     `points`, (2, K, 2), contains the positions that K dots have if they are at the height of even
     rotors, and if they are at the height of odd rotors [m]. `point_deviations`, (K,), are the
-    standard deviations of the positions [m]. `colour_costs` is that of `Dots`.
+    standard deviations of the positions [m]. `Dots` explains `colour_costs`.
     """
     rotors = len(predicted.pivots)
     if not points.shape[1]:

@@ -94,7 +94,7 @@ class FrameMarkers:
         self.placing: PlacingErrors | None = None
         """Errors of angles due to errors of the marker positions; None without a plane."""
         self.print_scale = 1.0
-        """Ratio of the size of markers to their distances, divided by that of the layout [1]."""
+        """Ratio of the size of markers to their distances, relative to the layout [1]."""
         self.seen = 0
         """Number of visible dots in the latest picture."""
         self.moves = 0
@@ -156,10 +156,8 @@ class FrameMarkers:
         if len(found) * 4 < FEWEST_DOTS:
             return False
         numbers = sorted(found)
-        printed, corners = (
-            self._layout.frame_corners[numbers],
-            np.stack([found[n] for n in numbers]),
-        )
+        printed = self._layout.frame_corners[numbers]
+        corners = np.stack([found[n] for n in numbers])
         rough, _ = fit_plane(self._camera, printed.reshape(-1, 2), corners.reshape(-1, 2))
         # The dots of markers that were printed too small are nearer to the centres.
         dots, middles = self._layout.frame_dots, self._layout.frame_centres[:, None]

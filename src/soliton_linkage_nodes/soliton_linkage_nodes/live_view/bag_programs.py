@@ -36,7 +36,8 @@ _MOST_STEPS = 20
 _STEP_INTERVAL = 0.02
 """Pause after each message that is played after a seek, so that the page can receive it [s]."""
 _LONGEST_SEEK = 30.0
-"""After its last step, a paused replay waits at most this long for a frame and its state [s]."""
+"""After the last step of a paused replay, the page waits at most this long for a frame and its
+state [s]."""
 _RESULTS = {
     'pause': 'paused',
     'resume': 'resumed',

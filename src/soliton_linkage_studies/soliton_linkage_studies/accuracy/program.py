@@ -34,7 +34,7 @@ class AccuracyPart(Protocol):
     """Independent part of the study, with its own section in the settings file."""
 
     def tasks(self) -> list[Callable[[], Any]]:
-        """Return the measurements as tasks, each of which another process can run."""
+        """Return the measurements as tasks that other processes can run."""
 
     def write(self, results: Sequence[Any], folder: Path) -> None:
         """Write tables and pictures; `results` are the results of the tasks in order."""

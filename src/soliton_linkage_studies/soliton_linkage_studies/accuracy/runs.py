@@ -223,7 +223,7 @@ _QUICK_CELLS = 15
 
 @dataclass(frozen=True)
 class CellStudy:
-    """Study of the analyser on random and difficult cells, or on those of them named in `only`."""
+    """Study of the analyser on random and difficult cells, or only on the cells in `only`."""
 
     seed: int
     count: int

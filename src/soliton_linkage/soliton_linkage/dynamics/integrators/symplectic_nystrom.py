@@ -98,7 +98,7 @@ class SymplecticNystrom(OdeSolver):
         self._states = self.y[np.newaxis]
         energy = settings.violent * fun.chain.stiffness * fun.chain.rest_length**2 / 2
         self._violent = math.sqrt(2 * energy / fun.inertias.min())
-        self._longest = self._longest_from(self.y)
+        self._update_limits()
         self.length: float = min(first_step or self._longest, self._longest)
 
     @staticmethod
@@ -150,7 +150,7 @@ class SymplecticNystrom(OdeSolver):
         done = len(states) - 1
         if done:
             self._states, self.y = states, states[-1].copy()
-            self._longest = self._longest_from(self.y)
+            self._update_limits()
             self._even_steps += done
             self._since_change += done
             evenly = self._even_from + self._even_steps * step
@@ -201,13 +201,16 @@ class SymplecticNystrom(OdeSolver):
     def _start_evenly(self) -> None:
         self._even_from, self._even_steps = float(self.t), 0
 
-    def _longest_from(self, state: Array) -> float:
-        """Return the longest stable step in which no drift exceeds LARGEST_TURN [s]."""
+    def _update_limits(self) -> None:
+        """Set the rate of the fastest rotor [rad/s] and the longest allowed step [s].
+
+        The longest step is stable, and in it no drift exceeds LARGEST_TURN.
+        """
         rotors = self._motion.rotors
-        self._fastest = float(np.abs(state[rotors : 2 * rotors]).max())
+        self._fastest = float(np.abs(self.y[rotors : 2 * rotors]).max())
         turning = _LONGEST_DRIFT * self._fastest / (self._settings.safety * LARGEST_TURN)
         limit = max(turning, self._motion.fastest_rate / STABLE_STEP)
-        return min(self._max_step, 1 / limit)
+        self._longest = min(self._max_step, 1 / limit)
 
 
 class NystromOutput(DenseOutput):
