@@ -253,7 +253,7 @@ FEW = {'flipper': slice(0, 350, 2), 'wobbler': slice(0, 750, 4), 'spinner': slic
 """Frames of a kicked chain that are enough to name the error of an encoder."""
 
 
-@pytest.mark.parametrize('name', KICKS)
+@pytest.mark.parametrize('name', ['flipper', 'spinner'])
 def test_a_wrong_gain_is_named_and_its_correction_is_accepted(name):
     _, times, readings = kicked(name, 3)
     times, readings = times[FEW[name]], readings[FEW[name]]

@@ -341,7 +341,7 @@ def test_far_from_the_actuators_the_bandwidth_decreases_to_limit_noise_torques()
         assert loop.until_ended().outcome is Outcome.REACHED
         times.append(loop.time)
         held = []
-        for _ in range(1500):
+        for _ in range(800):
             loop.step()
             held.append(np.linalg.norm(loop.torques))
         torques.append(float(np.sqrt(np.mean(np.square(held)))))
