@@ -49,7 +49,7 @@ from soliton_linkage.estimation.wall_track import (
     WallTrack,
 )
 from soliton_linkage.estimation.wall_tracker import WallTracker
-from soliton_linkage.estimation.wall_width import TheoryWidth, WidthReporter
+from soliton_linkage.estimation.wall_width import ContractionEstimator, TheoryWidth
 from soliton_linkage.estimation.wobble import RestingWall, Wobble, WobbleReporter
 from soliton_linkage.linkage.chain import Array, Chain, check_shape
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
@@ -110,9 +110,9 @@ class Analyser:
             self._shape_model = ShapeMeasurementModel(
                 self._shapes, self._line, arc, noise, settings
             )
-        self._widths: WidthReporter | None = None
+        self._contraction: ContractionEstimator | None = None
         if self._orbit is not None and chain.deviations == NO_DEVIATIONS:
-            self._widths = WidthReporter(self._shapes, settings.width)
+            self._contraction = ContractionEstimator(self._shapes, settings.width)
         self._wobbles = WobbleReporter(chain)
         self._rate_noise = RateNoise(chain, settings.noise)
         self._theory_width = TheoryWidth(chain)
@@ -318,10 +318,12 @@ class Analyser:
         )
 
     def _width(self, estimate: OrbitEstimate, frame: CompletedFrame) -> tuple[float, float]:
-        if frame.others or self._widths is None:
+        if frame.others or self._contraction is None:
             return _UNKNOWN_WIDTH
         angles = math.pi - frame.seen if estimate.upside_down else frame.seen
-        return self._widths.update(angles, estimate.site, estimate.leg, estimate.noise)
+        found = self._contraction.update(angles, estimate.site, estimate.leg, estimate.noise)
+        width = self._theory_width(0.0) / found.factor
+        return width, width * found.deviation
 
     def _report(
         self,

@@ -10,9 +10,15 @@ from typing import NamedTuple
 import numpy as np
 
 from soliton_linkage.estimation.frames import Flags
-from soliton_linkage.estimation.likelihood import DENSITY, frame_likelihood, weigh_frame
+from soliton_linkage.estimation.likelihood import (
+    DENSITY,
+    compare,
+    frame_likelihood,
+    weigh_frame,
+)
 from soliton_linkage.estimation.settings import EstimationSettings, LikelihoodSettings
 from soliton_linkage.linkage.chain import Array
+from soliton_linkage.orbit.orbit import Orbit, OrbitSegment
 
 NO_FLAGS: Flags = np.zeros(0, dtype=np.bool_)
 """Empty array of flags; it means that no rotor is doubtful."""
@@ -90,6 +96,40 @@ def search_arc(arc: float, target: Callable[[float], float], close: float) -> fl
         if abs(step) < close:
             break
     return arc
+
+
+class OrbitComparison:
+    """Comparison of frames with an orbit."""
+
+    def __init__(self, orbit: Orbit) -> None:
+        self._orbit = orbit
+        legs = range(orbit.number_of_legs)
+        states = [orbit.background(orbit.arc_at(orbit.middle, leg)) for leg in legs]
+        self.before = np.array([before for before, _ in states])
+        """Angles of rotors far before the wall [rad], shape (legs, N)."""
+        self.beyond = np.array([beyond for _, beyond in states])
+        """Angles of rotors far beyond the wall [rad], shape (legs, N)."""
+
+    def at(
+        self, arc: float, angles: Array, corrections: Array, upside_down: bool
+    ) -> tuple[OrbitSegment, Array]:
+        """Return the rotors near the wall and the differences [rad], (N,), at an arc length [rad].
+
+        The arguments `angles`, `corrections` and `upside_down` are those of `compare`.
+        """
+        about, leg = self._orbit.segment(arc), self._orbit.leg(arc)
+        differences = np.empty_like(angles)
+        compare(
+            angles,
+            corrections,
+            upside_down,
+            self.before[leg],
+            about.angles,
+            self.beyond[leg],
+            about.first,
+            differences,
+        )
+        return about, differences
 
 
 _CORE = 2.5

@@ -11,11 +11,11 @@ from scipy.linalg import solveh_banded
 
 from soliton_linkage.estimation.encoder_offsets import EncoderOffsets, FarFieldResiduals
 from soliton_linkage.estimation.frames import Flags
-from soliton_linkage.estimation.likelihood import compare
 from soliton_linkage.estimation.measurement import (
     NO_FLAGS,
     FrameLikelihood,
     LinearisedMeasurement,
+    OrbitComparison,
     search_arc,
 )
 from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
@@ -49,10 +49,7 @@ class OrbitMeasurementModel:
         """Start without encoder offsets; `elastic` is `strong` of `FarFieldResiduals` [rad^2]."""
         chain = orbit.chain
         self._orbit, self._likelihood = orbit, likelihood
-        self._backgrounds = [
-            orbit.background(orbit.arc_at(orbit.middle, leg))
-            for leg in range(orbit.number_of_legs)
-        ]
+        self._comparison = OrbitComparison(orbit)
         self.offsets = EncoderOffsets(chain.number_of_rotors, settings.offsets)
         self.far = FarFieldResiduals(self.offsets, chain, elastic)
         self._shifts = WallShifts(orbit)
@@ -75,19 +72,7 @@ class OrbitMeasurementModel:
         `variance` is the variance of a residual, and `spread` the variance of `arc` [rad^2].
         `rate` is the rate of the arc length [rad/s].
         """
-        about = self._orbit.segment(arc)
-        before, beyond = self._backgrounds[self._orbit.leg(arc)]
-        residuals = np.empty(len(before))
-        compare(
-            seen,
-            self.offsets.corrections,
-            upside_down,
-            before,
-            about.angles,
-            beyond,
-            about.first,
-            residuals,
-        )
+        about, residuals = self._comparison.at(arc, seen, self.offsets.corrections, upside_down)
         doubtful = NO_FLAGS
         if self._any_doubtful:
             doubtful = self.far.doubtful

@@ -20,12 +20,12 @@ import numpy as np
 
 from soliton_linkage.estimation import likelihood
 from soliton_linkage.estimation.frames import rotor_swing
-from soliton_linkage.estimation.likelihood import compare
 from soliton_linkage.estimation.measurement import (
     LEAST_INFORMATION,
     LONGEST_STEP,
     FrameLikelihood,
     LinearisedMeasurement,
+    OrbitComparison,
     search_arc,
 )
 from soliton_linkage.estimation.noise import robust_deviation
@@ -128,10 +128,7 @@ class Relocaliser:
         """
         self._orbit, self._given = orbit, likelihood
         chain = orbit.chain
-        legs = range(orbit.number_of_legs)
-        states = [orbit.background(orbit.arc_at(orbit.middle, leg)) for leg in legs]
-        self._before = np.ascontiguousarray([left for left, _ in states])
-        self._beyond = np.ascontiguousarray([right for _, right in states])
+        self._comparison = OrbitComparison(orbit)
         self._corrections = np.zeros(chain.number_of_rotors)
         swing = rotor_swing(chain)
         self._likelihood = FrameLikelihood(swing, likelihood)
@@ -210,18 +207,7 @@ class Relocaliser:
         return Candidate(arc % self._orbit.length, turned, view, variance, evidence)
 
     def _view(self, image: Array, arc: float, variance: float) -> LinearisedMeasurement:
-        about, leg = self._orbit.segment(arc), self._orbit.leg(arc)
-        differences = np.empty_like(image)
-        compare(
-            image,
-            self._corrections,
-            False,
-            self._before[leg],
-            about.angles,
-            self._beyond[leg],
-            about.first,
-            differences,
-        )
+        about, differences = self._comparison.at(arc, image, self._corrections, False)
         return self._likelihood.linearise(arc, about.first, about.tangent, differences, variance)
 
     def _elsewhere(
@@ -260,8 +246,9 @@ class Relocaliser:
 
     def _sums(self, image: Array, variance: float) -> Array:
         bound, floor = self._given.bound, self._likelihood.floor(variance)
-        sums = np.empty((2, len(self._before), len(image) + 1))
-        for states, row in ((self._before, sums[0]), (self._beyond, sums[1])):
+        both = self._comparison.before, self._comparison.beyond
+        sums = np.empty((2, self._orbit.number_of_legs, len(image) + 1))
+        for row, states in zip(sums, both, strict=True):
             likelihood.sum_likelihoods(image, states, variance, bound, floor, row)
         return sums
 

@@ -26,9 +26,6 @@ multiple of the wall width and of the penetration depth [1]."""
 _CLOSE, _CLOSEST = 0.02, 1e-5
 """A fit has converged if the next step of ln(gamma) would be smaller than `_CLOSE` times the
 standard deviation of ln(gamma), or smaller than `_CLOSEST` [1]."""
-_DEGENERATE = 1e-12
-"""The contraction is unknown if the determinant of the normal equations is at most this multiple
-of the product of their diagonal elements [1]."""
 _COARSEST = math.log(1.5)
 """The contraction is unknown if the standard deviation of ln(gamma) is at least this [1]."""
 _LEAST_DEVIATION = 3e-4
@@ -63,17 +60,19 @@ class Contraction(NamedTuple):
 UNKNOWN = Contraction(math.nan, math.inf)
 
 
-class WallFamily:
-    """Family of the shapes of a wall, with the contraction as its parameter."""
+class ContractionEstimator:
+    """Estimator of the contraction from one frame, or from the rotors passed recently."""
 
     def __init__(self, shapes: WallShapes, settings: WidthSettings = DEFAULTS.width) -> None:
-        self.settings = settings
-        self._shapes, chain = shapes, shapes.chain
+        self._shapes, self._settings, chain = shapes, settings, shapes.chain
         depth = penetration_depth(chain) / chain.spacing
         self._scale = max(depth, 1.0)
         self._span = settings.span * self._scale + 2
         self._last = chain.number_of_rotors - 1
         self._clear = _CLEAR * max(depth, chain.wall_width / chain.spacing)
+        self._fade = math.exp(-1 / settings.memory)
+        self._scatter = settings.typical_scatter**2
+        self.restart()
 
     def fit(
         self, angles: Array, site: float, leg: int, noise: float, logarithm: float = 0.0
@@ -96,7 +95,7 @@ class WallFamily:
         )
         sites, stretches, both, ahead, wider = sums
         determinant = sites * stretches - both * both
-        if not determinant > _DEGENERATE * sites * stretches:
+        if not determinant > 0:
             return UNKNOWN
         left = (both * ahead - sites * wider) / (determinant * stretch)
         deviation = noise * math.sqrt(sites / determinant) / stretch
@@ -105,17 +104,6 @@ class WallFamily:
         if near and ends and deviation < _COARSEST:
             return Contraction(left - math.log(stretch), deviation)
         return UNKNOWN
-
-
-class ContractionMean:
-    """Mean contraction over the rotors that a wall has passed recently."""
-
-    def __init__(self, family: WallFamily) -> None:
-        self._family = family
-        self._settings = family.settings
-        self._fade = math.exp(-1 / self._settings.memory)
-        self._scatter = self._settings.typical_scatter**2
-        self.restart()
 
     def restart(self) -> None:
         """Discard the mean, but keep the estimated scatter between passages."""
@@ -127,18 +115,17 @@ class ContractionMean:
         self._before, self._passage = (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
 
     def update(self, angles: Array, site: float, leg: int, noise: float) -> Contraction:
-        """Add a frame as in `WallFamily.fit`; return the mean contraction or `UNKNOWN`."""
+        """Add a frame as in `fit`; return the mean over recent passages, or `UNKNOWN`."""
         if leg != self._leg:
             self.restart()
             self._leg, self._anchor = leg, site
         if abs(site - self._anchor) >= 1:
             self._pass()
             self._anchor = site
-        settings = self._settings
-        found = self._family.fit(angles, site, leg, noise)
+        found = self.fit(angles, site, leg, noise)
         if found is UNKNOWN:
             return UNKNOWN
-        weight = 1 / (found.deviation**2 + settings.typical_scatter**2)
+        weight = 1 / (found.deviation**2 + self._settings.typical_scatter**2)
         value, before, noise = self._passage
         noise += (weight * found.deviation) ** 2
         self._passage = value + weight * found.logarithm, before + weight, noise
@@ -185,20 +172,6 @@ def passage_scatter(values: Array, variances: Array) -> float:
     if np.sum(apart**2 / variances) < by_chance:
         return 0.0
     return max(float(apart @ apart) / freedoms - float(np.mean(variances)), 0.0)
-
-
-class WidthReporter:
-    """Reporter of the width w of a wall with the profile tanh(x / w)."""
-
-    def __init__(self, shapes: WallShapes, settings: WidthSettings = DEFAULTS.width) -> None:
-        self._mean = ContractionMean(WallFamily(shapes, settings))
-        self._at_rest = TheoryWidth(shapes.chain)(0.0)
-
-    def update(self, angles: Array, site: float, leg: int, noise: float) -> tuple[float, float]:
-        """Add a frame as in `WallFamily.fit`; return the width and its standard deviation [m]."""
-        found = self._mean.update(angles, site, leg, noise)
-        width = self._at_rest / found.factor
-        return width, width * found.deviation
 
 
 class TheoryWidth:
