@@ -261,7 +261,7 @@ def test_the_wall_of_a_spinner_determines_its_leg():
 
 def test_an_invalid_noise_is_rejected():
     for noise in [0.0, -1.0, math.nan, math.inf]:
-        with pytest.raises(ValueError, match=r'noise = .* rad must be a finite number above 0'):
+        with pytest.raises(ValueError, match=r'noise = .* rad must be finite and above 0'):
             OrbitFilter(uniform_orbit(FLIPPER, 14), noise)
 
 

@@ -20,7 +20,6 @@ from soliton_linkage.estimation.state_report import (
     EdgeRotors,
     Energies,
     FrameErrors,
-    FrameState,
     StateReporter,
     Topology,
     energy_reach,
@@ -270,7 +269,7 @@ def test_invalid_angles_and_rates_are_rejected():
         (chain.uniform_state(1)[None], r'angles of shape \(1, 60\) do not fit'),
     ]:
         with pytest.raises(ValueError, match=message):
-            FrameState(chain, angles)
+            StateReporter(chain).report(angles, 30.0)
     with pytest.raises(ValueError, match='rate of rotor 3 = nan must be a finite number'):
         energies(chain, chain.uniform_state(1), np.where(np.arange(60) == 3, np.nan, 0.0), 30.0)
 
@@ -340,7 +339,7 @@ def test_unseen_rotors_increase_the_deviation_of_energies(example):
         energies(chain, *filled, 29.7, FrameErrors(noise, rate_noise, persistent, unseen))
         for persistent in (0.0, 0.02)
     ]
-    first, second = FrameState(chain, filled[0]).first, FrameState(chain, filled[0]).second
+    _, first, second = chain.springs(filled[0])
     squares = first[[25, 26, 40]] ** 2 + second[[24, 25, 39]] ** 2
     for found, persistent in zip(doubts, (0.0, 0.02), strict=True):
         hidden = 0.5 * chain.stiffness * float(squares.sum()) * (noise**2 + persistent**2)
@@ -359,6 +358,6 @@ def test_unseen_rotors_leave_the_other_energies_unbiased():
         angles = orbit + np.where(unseen, 0.0, noise) * random.standard_normal(ROTORS)
         found.append(reporter.report(angles, 29.7, None, errors).energies.elastic)
     mean = float(np.mean(found)), 4 * float(np.std(found)) / math.sqrt(count)
-    one_rotor = 0.5 * chain.stiffness * float((FrameState(chain, orbit).first ** 2).max())
+    one_rotor = 0.5 * chain.stiffness * float((chain.springs(orbit)[1] ** 2).max())
     # The curvature of lengths adds terms of order noise^2.
     assert abs(mean[0]) < mean[1] + 0.05 * one_rotor * noise**2

@@ -11,7 +11,7 @@ import pytest
 from soliton_linkage.estimation.estimates import EventKind, SolitonEvent, lost
 from soliton_linkage.estimation.settings import DEFAULTS
 from soliton_linkage.estimation.shape_model import domain_borders
-from soliton_linkage.estimation.state_report import EXACT, FrameState, StateReporter, energy_reach
+from soliton_linkage.estimation.state_report import EXACT, StateReporter, energy_reach
 from soliton_linkage.estimation.wall_shapes import find_domains
 from soliton_linkage.estimation.wall_track import (
     LatticeCoordinates,
@@ -284,7 +284,7 @@ def test_the_energy_of_walls_is_the_energy_within_reach():
     rates = rng.normal(0, 1.0, 60)
     frame = frame_of(RING, angles, rates)
     kinetic = 0.5 * RING.moments_of_inertia * rates**2
-    elastic = 0.5 * RING.stiffnesses * FrameState(RING, angles).springs[0] ** 2
+    elastic = 0.5 * RING.stiffnesses * RING.springs(angles)[0] ** 2
     reach = energy_reach(RING)
     for sites in ([58.3], [2.0, 30.7], [5.0 * n for n in range(12)]):
         whole = sum(

@@ -25,9 +25,10 @@ from soliton_linkage.estimation.frames import (
     Unwrapper,
     all_within,
     check_deviations,
+    check_noise,
     complete,
     on_orbit,
-    whole_frame,
+    rotor_swing,
 )
 from soliton_linkage.estimation.motion_class import MotionObserver
 from soliton_linkage.estimation.noise import RateNoise
@@ -37,7 +38,6 @@ from soliton_linkage.estimation.shape_model import ShapeMeasurementModel
 from soliton_linkage.estimation.state_report import (
     ArcRate,
     FrameErrors,
-    FrameState,
     StateReport,
     StateReporter,
 )
@@ -77,11 +77,7 @@ class Analyser:
         `noise` is the standard deviation of the angles [rad]; None means that the analyser
         estimates the noise. Raises ValueError for a noise that is infinite or not above 0.
         """
-        if noise is not None and not 0 < noise < math.inf:
-            raise ValueError(
-                f'noise = {noise:g} rad must be finite and above 0; give None to estimate the '
-                'noise'
-            )
+        check_noise(noise)
         self.chain = chain
         self._settings = settings
         self._noise = math.nan if noise is None else noise
@@ -119,6 +115,8 @@ class Analyser:
         self._unwrapper = Unwrapper(chain.number_of_rotors)
         self._clock = FrameClock(settings.tracking.clock_limit)
         self._impulses = ImpulseQueue()
+        self._half_swing = rotor_swing(chain) / 2
+        self._none = np.zeros(chain.number_of_rotors, dtype=np.bool_)
 
     @cached_property
     def _shapes(self) -> WallShapes:
@@ -251,10 +249,8 @@ class Analyser:
         corrected = seen - self.offsets
         expected = None
         if estimate.status is not TrackingStatus.LOST:
-            if all_known and view is not None:
-                whole = whole_frame(self.chain, corrected, rates, view.largest)
-                if whole is not None:
-                    return estimate, whole
+            if all_known and view is not None and view.largest <= self._half_swing:
+                return estimate, CompletedFrame(corrected, rates, self._none, True, False, 0)
             residuals = np.full(len(seen), np.nan) if view is None else view.residuals
             expected = on_orbit(self._filter.orbit, estimate, residuals)
         last = self._unwrapper.last - self.offsets
@@ -295,7 +291,7 @@ class Analyser:
         elif known is None or frame.number_filled == len(frame.filled):
             return (), (), estimate.status
         elif self._shape_model is not None:
-            seen = self._shape_model.measure(FrameState(self.chain, known), frame.seen)
+            seen = self._shape_model.measure(known, frame.seen)
         confirming = 1 if single else self._settings.tracking.confirming_frames
         tracks, events = self._tracker.update(self._clock.time, seen, scene, confirming)
         status = estimate.status if single or not tracks else tracks[0].status

@@ -12,7 +12,14 @@ from numpy.typing import NDArray
 from soliton_linkage.compiling import compile_loop, compiled, const_f8_1d, f8, f8_1d
 from soliton_linkage.estimation.estimates import OrbitEstimate
 from soliton_linkage.estimation.settings import DEFAULTS
-from soliton_linkage.linkage.chain import Array, Chain, Motion, check_shape, staggered
+from soliton_linkage.linkage.chain import (
+    Array,
+    Chain,
+    Motion,
+    check_shape,
+    staggered,
+    uprightness,
+)
 from soliton_linkage.linkage.quantities import LARGEST_ANGLE
 from soliton_linkage.orbit.orbit import Orbit
 
@@ -34,6 +41,18 @@ wrapped = compile_loop(_wrapped, (f8,), inlined=True)
 def rotor_swing(chain: Chain) -> float:
     """Return the swing of a rotor: the change of its angle while a wall passes [rad]."""
     return math.pi if chain.motion is Motion.SPINNER else 2 * chain.rest_angle
+
+
+def is_turned(chain: Chain, angles: Array) -> bool:
+    """Return whether a flipper is upside down, or whether a spinner leans left before its kink.
+
+    Then the sum of cos(theta_n) over the inner rotors of the flipper, or the sum of sin(theta_n +
+    theta_{n+1}) over the bonds of the spinner, is negative. The angles [rad] have shape (N,).
+    """
+    if chain.motion is not Motion.SPINNER:
+        return uprightness(angles) < 0
+    steps = np.sin(np.diff(angles))
+    return bool(steps[::2].sum() < steps[1::2].sum())
 
 
 @compiled(const_f8_1d, f8_1d, f8_1d, f8_1d)
@@ -144,6 +163,14 @@ class ImpulseQueue:
                 due.append(FrameImpulse(impulses, before * _NANOSECOND if before < _NEAR else 0.0))
         self._waiting = later
         return due
+
+
+def check_noise(noise: float | None) -> None:
+    """Raise ValueError for a noise [rad] that is infinite or not above 0; None is valid."""
+    if noise is not None and not 0 < noise < math.inf:
+        raise ValueError(
+            f'noise = {noise:g} rad must be finite and above 0; give None to estimate the noise'
+        )
 
 
 def check_deviations(deviations: Array, rotors: int) -> Array:
@@ -271,18 +298,6 @@ def complete(
         bool(others.any()),
         int(np.count_nonzero(filled)),
     )
-
-
-def whole_frame(
-    chain: Chain, angles: Array, rates: Array | None, largest: float
-) -> CompletedFrame | None:
-    """Return a frame without filled rotors; None if `largest` [rad] is NaN or above half a swing.
-
-    `largest` is the largest absolute residual.
-    """
-    if not largest <= rotor_swing(chain) / 2:
-        return None
-    return CompletedFrame(angles, rates, np.zeros(len(angles), dtype=np.bool_), True, False, 0)
 
 
 def _like_neighbours(angles: Array) -> Array:

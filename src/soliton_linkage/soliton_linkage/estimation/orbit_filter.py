@@ -21,7 +21,7 @@ from soliton_linkage.dynamics.motor_controllers import feedback_torques
 from soliton_linkage.dynamics.terms import term_table, torques_of
 from soliton_linkage.estimation.encoder_offsets import EncoderOffsets
 from soliton_linkage.estimation.estimates import OrbitEstimate, TrackingStatus, lost
-from soliton_linkage.estimation.frames import FrameImpulse, rotor_swing
+from soliton_linkage.estimation.frames import FrameImpulse, check_noise, rotor_swing
 from soliton_linkage.estimation.hypotheses import Hypotheses, Hypothesis
 from soliton_linkage.estimation.measurement import (
     LEAST_INFORMATION,
@@ -78,11 +78,7 @@ class OrbitFilter:
 
         None means that it is estimated. Raises ValueError if it is infinite or not above 0.
         """
-        if noise is not None and not (math.isfinite(noise) and noise > 0):
-            raise ValueError(
-                f'noise = {noise} rad must be a finite number above 0; omit it to estimate the '
-                'noise'
-            )
+        check_noise(noise)
         chain = orbit.chain
         self.orbit = orbit
         self.rejected = self.starts = 0

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import minimum_filter1d
 
-from soliton_linkage.estimation.frames import rotor_swing
+from soliton_linkage.estimation.frames import is_turned, rotor_swing
 from soliton_linkage.estimation.measurement import (
     LEAST_INFORMATION,
     FrameLikelihood,
@@ -20,7 +20,6 @@ from soliton_linkage.estimation.measurement import (
 from soliton_linkage.estimation.noise import ResidualVariance
 from soliton_linkage.estimation.relocalisation import SCAN_DEVIATION
 from soliton_linkage.estimation.settings import EstimationSettings
-from soliton_linkage.estimation.state_report import FrameState
 from soliton_linkage.estimation.wall_shapes import (
     WallShape,
     WallShapes,
@@ -31,8 +30,8 @@ from soliton_linkage.estimation.wall_shapes import (
     tangent_of,
 )
 from soliton_linkage.estimation.wall_track import LatticeCoordinates, WallMeasurement
-from soliton_linkage.linear.bands import couplings
 from soliton_linkage.linkage.chain import Array, Motion, staggered
+from soliton_linkage.solitons.tanh_fit import polarisation
 
 _TAILS = 1.5
 """Other walls within this multiple of `WallTable.reach` are subtracted before a wall is fitted
@@ -72,8 +71,6 @@ class ShapeMeasurementModel:
         self._bound, self._coarse = likelihood.bound, (SCAN_DEVIATION * swing) ** 2
         self._edge = 0 if chain.motion is Motion.SPINNER else 1
         self._domain = settings.walls.domain_bonds
-        plus, minus = couplings(chain)
-        self._uniform = (plus**2 - minus**2) / (plus**2 + minus**2)
         self._residual = ResidualVariance(swing, noise, settings)
         self.restart()
 
@@ -82,9 +79,12 @@ class ShapeMeasurementModel:
         self._residual.restart()
         self._residual.way = 0.0
 
-    def measure(self, state: FrameState, seen: Array) -> list[WallMeasurement]:
-        """Return the measurements of all walls for angles [rad], shape (N,), NaN if unseen."""
-        polarised = self._polarised(state)
+    def measure(self, angles: Array, seen: Array) -> list[WallMeasurement]:
+        """Return the measurements of all walls in a frame.
+
+        `angles` [rad], shape (N,), are finite; `seen` are the same angles, but NaN if unseen.
+        """
+        polarised = polarisation(self._chain, angles)
         find = ring_borders if self._line.periodic else domain_borders
         borders = find(polarised, self._domain)
         if not borders:
@@ -93,9 +93,7 @@ class ShapeMeasurementModel:
         reported = len(borders)
         if not self._line.periodic:
             borders += edge_borders(polarised, borders)
-        spinner = self._chain.motion is Motion.SPINNER
-        turned = (state.twists if spinner else state.upright) < 0
-        theta = staggered(math.pi - seen if turned else seen)
+        theta = staggered(math.pi - seen if is_turned(self._chain, angles) else seen)
         walls = [
             _ShapeFit(self._of_charge[charge][0], charge, site, 1.0, 0.0)
             for site, charge in borders
@@ -116,12 +114,6 @@ class ShapeMeasurementModel:
         if parts:
             self._learn(parts)
         return [self._measurement(wall, view) for wall, _, view in parts]
-
-    def _polarised(self, state: FrameState) -> Array:
-        """Return the polarisation of each bond, shape (B,): 1 or -1 in the uniform states."""
-        first, second = state.first**2, state.second**2
-        strength = np.maximum(first + second, np.finfo(np.float64).tiny)
-        return np.asarray((first - second) / (strength * self._uniform))
 
     def _linearise(
         self, theta: Array, walls: Sequence[_ShapeFit], wall: _ShapeFit

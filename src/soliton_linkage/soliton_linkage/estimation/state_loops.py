@@ -33,11 +33,6 @@ Shape = tuple[float, float, float, float]
 """The two results of `of_angles` [1], the first lever A and the last lever B [m/rad]."""
 Sides = tuple[float, float, int, int, float]
 
-_LARGE = 1e150
-"""The squared zero mode is stored as a number times an integer power of this [1], because it may
-overflow. The square of this does not overflow."""
-
-
 spring = compile_loop(spring_between, inlined=True)
 
 
@@ -171,10 +166,10 @@ def topology(rows: Array, before: int, beyond: int, domain: float) -> Sides:
     results are sums of polarisations: over the first `before` bonds, and over the bonds from
     `beyond` on. The edge signs are the signs of the first and of the last polarisation whose
     absolute value exceeds `domain`, or 0. The centre [rotor spacings] is the centroid of the
-    squared zero mode t_n^2.
+    squared zero mode t_n^2, which is computed from its logarithms because it may overflow.
     """
     left, right, first, last = 0.0, 0.0, 0, 0
-    squares, moments, square, level = 1.0, 0.0, 1.0, 0
+    logarithms, largest = np.zeros(rows.shape[1] + 1), 0.0
     for n in range(rows.shape[1]):
         a, b = rows[1, n] * rows[1, n], rows[2, n] * rows[2, n]
         strength = (a - b) / max(a + b, TINY)
@@ -183,18 +178,13 @@ def topology(rows: Array, before: int, beyond: int, domain: float) -> Sides:
         if abs(strength) > domain:
             last = 1 if strength > 0 else -1
             first = first if first else last
-        # t_n^2 = square * 1e150^level, relative to the largest t_n^2 so far.
-        square *= min(max(max(a, TINY) / max(b, TINY), 1 / _LARGE), _LARGE)
-        if square > _LARGE:
-            square, level = square / _LARGE, level + 1
-        elif square < 1 / _LARGE:
-            square, level = square * _LARGE, level - 1
-        if level > 0:
-            squares, moments, level = squares / _LARGE, moments / _LARGE, 0
-        if level >= -1:
-            share = square if level == 0 else square / _LARGE
-            squares += share
-            moments += (n + 1) * share
+        logarithms[n + 1] = logarithms[n] + math.log(max(a, TINY) / max(b, TINY))
+        largest = max(largest, logarithms[n + 1])
+    squares, moments = 0.0, 0.0
+    for n in range(logarithms.size):
+        square = math.exp(logarithms[n] - largest)
+        squares += square
+        moments += n * square
     return left, right, first, last, moments / squares
 
 

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from soliton_linkage.estimation import state_loops
 from soliton_linkage.estimation.frames import Flags
 from soliton_linkage.linear.bands import couplings, penetration_depth, winding_number
+from soliton_linkage.linear.rigidity import rigidity_bands
 from soliton_linkage.linkage.chain import Array, Chain, Motion, check_shape
 
 
@@ -121,34 +122,6 @@ EXACT = FrameErrors()
 _NO_TURNS = (math.nan, math.nan)
 
 
-class FrameState:
-    """Configuration of a chain, with the extensions and levers of its springs."""
-
-    def __init__(self, chain: Chain, angles: ArrayLike) -> None:
-        """Compute the springs for angles [rad], shape (N,); raise ValueError for invalid ones."""
-        self.chain = chain
-        self.angles = np.ascontiguousarray(angles, dtype=np.float64)
-        check_shape(self.angles, chain.number_of_rotors)
-        self.springs: Array = np.empty((3, chain.number_of_springs))
-        """Extensions [m] of the springs, and their derivatives with respect to the angles of the
-        left rotor (lever A) and of the right rotor (lever B) [m/rad], shape (3, springs)."""
-        self.twists, self.upright = state_loops.of_angles(
-            self.angles, chain.spring_parameters, chain.periodic, self.springs
-        )
-        if not math.isfinite(self.twists):
-            chain.check_angles(self.angles)
-
-    @property
-    def first(self) -> Array:
-        """Levers A of the springs at their left rotors [m/rad], shape (springs,)."""
-        return np.asarray(self.springs[1])
-
-    @property
-    def second(self) -> Array:
-        """Levers B of the springs at their right rotors [m/rad], shape (springs,)."""
-        return np.asarray(self.springs[2])
-
-
 def energy_reach(chain: Chain) -> float:
     """Return the distance from a wall beyond which energy belongs to the wake [rotor spacings].
 
@@ -165,7 +138,6 @@ class StateReporter:
     def __init__(self, chain: Chain) -> None:
         self.chain = chain
         self._reach = energy_reach(chain)
-
         self._springs = np.tile(0.5 * chain.stiffnesses, (3, 1))
         self._rotors = np.tile(0.5 * chain.moments_of_inertia, (3, 1))
         self._rotors[2] = 0.0
@@ -195,15 +167,8 @@ class StateReporter:
         chain, walls = self.chain, _finite(sites)
         state = np.ascontiguousarray(angles, dtype=np.float64)
         check_shape(state, chain.number_of_rotors)
-        noise, unseen, springs = errors.known_rate_noise, errors.unseen, self._springs
-        if unseen is not None:
-            seen = ~unseen
-            half, count = springs[0], chain.number_of_springs
-            springs = np.array([half, half * seen[:count], half * np.roll(seen, -1)[:count]])
-        rotors = self._rotors
-        if unseen is not None:
-            rotors = rotors.copy()
-            rotors[1, unseen] = 0.0
+        noise, unseen = errors.known_rate_noise, errors.unseen
+        springs, rotors = self._rows(unseen)
         if rates is None or isinstance(rates, ArcRate):
             rotors[2] = 0.0
         else:
@@ -230,7 +195,7 @@ class StateReporter:
         elif noise != errors.rate_noise:
             kinetic = *kinetic[:2], math.nan
         if unseen is not None:
-            hidden = self._hidden(FrameState(chain, state), errors, unseen)
+            hidden = self._hidden(state, errors, unseen)
             elastic = *elastic[:2], math.hypot(elastic[2], hidden[0])
             kinetic = *kinetic[:2], math.hypot(kinetic[2], hidden[1])
         return StateReport(
@@ -238,6 +203,16 @@ class StateReporter:
             self._edge_rotors(state, shape),
             Energies(kinetic[0], elastic[0], kinetic[1], elastic[1], kinetic[2], elastic[2]),
         )
+
+    def _rows(self, unseen: Flags | None) -> tuple[Array, Array]:
+        """Return `springs` and `rotors` of `state_loops.report`; set the rates before use."""
+        if unseen is None:
+            return self._springs, self._rotors
+        seen, half, count = ~unseen, self._springs[0], self.chain.number_of_springs
+        rotors = self._rotors.copy()
+        rotors[1, unseen] = 0.0
+        lefts, rights = seen[:count], np.roll(seen, -1)[:count]
+        return np.array([half, half * lefts, half * rights]), rotors
 
     def _bonds_beside(self, walls: list[float]) -> tuple[int, int]:
         bonds = self.chain.number_of_springs
@@ -286,12 +261,10 @@ class StateReporter:
         held = max(elastic[0] - elastic[2], 0.0)
         return half * moving + held, math.nan, math.hypot(half * math.sqrt(spread), held)
 
-    def _hidden(
-        self, state: FrameState, errors: FrameErrors, unseen: Flags
-    ) -> tuple[float, float]:
+    def _hidden(self, angles: Array, errors: FrameErrors, unseen: Flags) -> tuple[float, float]:
         """Return standard deviations of elastic and kinetic energy due to unseen rotors [J]."""
-        half = self._springs[0]
-        stiffness = self.chain.gathered(half * state.first**2, half * state.second**2)
+        half, (first, second) = self._springs[0], rigidity_bands(self.chain, angles)
+        stiffness = self.chain.gathered(half * first**2, half * second**2)
         elastic = float(stiffness[unseen].sum()) * (errors.noise**2 + errors.persistent**2)
         return elastic, float(self._rotors[0, unseen].sum()) * errors.known_rate_noise**2
 

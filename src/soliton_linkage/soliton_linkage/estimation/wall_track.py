@@ -11,14 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soliton_linkage.estimation.estimates import EventKind, OrbitEstimate, TrackingStatus
+from soliton_linkage.estimation.frames import is_turned
 from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
 from soliton_linkage.estimation.settings import EstimationSettings, WallSettings
-from soliton_linkage.estimation.state_report import (
-    FrameErrors,
-    FrameState,
-    StateReporter,
-    energy_reach,
-)
+from soliton_linkage.estimation.state_report import FrameErrors, StateReporter, energy_reach
 from soliton_linkage.linear.bands import gap
 from soliton_linkage.linkage.chain import Array, Chain, Motion, wrapped
 from soliton_linkage.solitons.tanh_fit import order_field
@@ -112,7 +108,7 @@ class WallFrame:
         chain, line, angles = self._chain, self._line, self._angles
         if angles is None or chain.motion is not Motion.SPINNER:
             return 0
-        family = 1 if FrameState(chain, angles).twists > 0 else -1
+        family = -1 if is_turned(chain, angles) else 1
         middle = left + line.separation(line.midpoint(left, right), left)
         rotors = line.rotors_between(left - max(line.near, 2.0), middle) % line.rotors
         steps = np.diff((angles - chain.uniform_state(family))[rotors])
