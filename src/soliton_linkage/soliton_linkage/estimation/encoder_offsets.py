@@ -28,11 +28,8 @@ _DEPTHS_BESIDE = 3.0
 """A rotor counts as far from the wall if its distance is above one rotor spacing plus this number
 of penetration depths [1]."""
 _FEWEST_MEANS = 5
-"""The offset of an encoder is corrected only if at least this many blocks contain a mean residual
-of its rotor [1]."""
-_FEWEST_ROTORS = 5
-"""The common error of the rest angles is estimated only from at least this many mean residuals
-[1]."""
+"""The offset of an encoder, or the common error of the rest angles, is estimated only from at
+least this many mean residuals of blocks [1]."""
 _WAVE_TIME = 10.0
 """Assumed correlation time of waves [time units of the chain]."""
 _LEAST_DISTANCE = 0.01
@@ -120,7 +117,7 @@ class EncoderOffsets:
         signs = np.where(np.arange(len(self.means)) % 2, -1.0, 1.0) * np.array([[1.0], [-1.0]])
         seen = self.weights > 0
         errors = (signs * self.sums)[seen] / self.weights[seen]
-        if len(errors) < _FEWEST_ROTORS:
+        if len(errors) < _FEWEST_MEANS:
             return 0.0
         error = float(np.median(errors))
         chance = robust_deviation(np.abs(errors - error)) / math.sqrt(len(errors))

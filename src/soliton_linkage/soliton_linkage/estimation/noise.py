@@ -290,12 +290,6 @@ class ResidualVariance:
         """Covariance of the errors of the arc length in two successive frames [rad^2] that arise
         because waves cause outliers and outliers have less weight."""
 
-    def start(self, view: LinearisedMeasurement) -> None:
-        """Restart with the first frame of a new wall, but keep `way` and `at_edge`."""
-        self.frames, self.excluded, self._shift = 0, 0.0, 0.0
-        self.noise = FrameNoise(self._given_noise, self._settings.noise)
-        self.noise.update(view)
-
     def learn(self, view: LinearisedMeasurement) -> None:
         """Update the estimates with the residuals of a frame."""
         self.noise.update(view)

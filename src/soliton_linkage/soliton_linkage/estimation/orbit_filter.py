@@ -208,7 +208,8 @@ class OrbitFilter:
         self.starts += 1
         self._unexplained, self._unexplained_since = 0, math.nan
         best = candidates[0]
-        self._variance.start(best.view)
+        self._variance.restart()
+        self._variance.noise.update(best.view)
         self.jitter.restart()
         self._model.far.restart()
         scale = 1 / self.orbit.chain.time_unit

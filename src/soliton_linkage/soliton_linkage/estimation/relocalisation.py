@@ -41,9 +41,9 @@ from soliton_linkage.orbit.orbit import Orbit, OrbitSegment
 
 _CLOSE = 1e-5
 """The search for a maximum of the likelihood ends when a step is shorter than this [rad]."""
-SCAN_DEVIATION, _SCAN_STEP = 0.1, 0.05
-"""Standard deviation of the angles that a scan assumes, and step of a scan along the orbit, both
-divided by the swing of a rotor [1]."""
+SCAN_DEVIATION = 0.1
+"""Standard deviation of the angles that a scan assumes, divided by the swing of a rotor [1]; the
+step of a scan is half of it."""
 _NEAR = 0.5
 """A sample belongs to a candidate if their sites differ by less than this [rotor spacings]."""
 _EXACT = 1e-8
@@ -136,7 +136,7 @@ class Relocaliser:
         self._coarse = (SCAN_DEVIATION * swing) ** 2
         self._largest = min(likelihood.field_share * swing, likelihood.largest_noise) ** 2
         depth = penetration_depth(chain) / chain.spacing
-        self._step = min(_SCAN_STEP * swing, max(depth, 1.0) * orbit.site_arc)
+        self._step = min(SCAN_DEVIATION / 2 * swing, max(depth, 1.0) * orbit.site_arc)
         self._core = math.ceil(2 + 2 * max(chain.wall_width / chain.spacing, depth))
         count = orbit.length / self._step
         self._all = None

@@ -60,17 +60,20 @@ class LikelihoodSettings(_Part):
         'prior standard deviation of a rotor due to the deformation of a wall by its springs, '
         'relative to the swing of a rotor',
     )
-    field_share: float = quantity(
-        0.15,
-        'largest standard deviation of the difference between a rotor and the orbit without '
-        'noise, relative to the swing of a rotor',
-    )
     largest_noise: float = quantity(
         0.25, 'largest possible standard deviation of the noise of an angle', 'rad'
     )
     informative_share: float = quantity(
         0.7, 'a frame is informative if its inliers have at least this share of the information'
     )
+
+    @property
+    def field_share(self) -> float:
+        """Largest deviation of a rotor from the orbit without noise, relative to its swing [1].
+
+        It is a standard deviation, and half of the least gross error.
+        """
+        return self.gross_share / 2
 
 
 @dataclass(frozen=True)
