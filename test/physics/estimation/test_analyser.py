@@ -63,7 +63,7 @@ def analysed(
     for number, stamp in enumerate(when or stamps(len(angles))):
         moving = None if rates is None else rates[number]
         found.append(analyser.analyse(stamp, angles[number], moving))
-    assert analyser.late == 0
+    assert analyser.diagnostics.late == 0
     return [each for each in found if each is not None]
 
 
@@ -191,7 +191,7 @@ def test_late_and_repeated_frames_have_no_effect():
         if number > 5 and generator.random() < 0.3:
             back = int(generator.integers(0, 5))
             assert other.analyse(when[number - back], angles[number - back]) is None
-    assert analyser.late == 0
+    assert analyser.diagnostics.late == 0
     assert other.late > 50
 
 
@@ -271,7 +271,7 @@ def test_frames_without_a_wall_are_lost_and_searched_at_a_limited_rate(name, deg
         assert found.estimate.status is TrackingStatus.LOST, number
         assert found.solitons or found.status is TrackingStatus.LOST
         stated += len(found.solitons)
-    assert analyser.starts == 0
+    assert analyser.diagnostics.starts == 0
     assert stated <= 1
 
 
@@ -424,7 +424,7 @@ def test_a_wall_at_rest_does_not_remember_unmodelled_torques(sections):
     assert all(abs(each.site - 5.5) < GATE * each.site_deviation for each in estimates)
     assert estimates[-1].site == pytest.approx(5.5, abs=1e-3)
     assert estimates[-1].site_deviation < 2e-3
-    assert not analyser.offsets.any()
+    assert not analyser.diagnostics.offsets.any()
 
 
 def test_two_walls_in_waves_with_a_wrong_reading_are_analysed():

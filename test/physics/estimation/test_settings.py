@@ -81,7 +81,7 @@ def test_the_analyser_uses_its_settings():
         analyser = Analyser(CHAIN, settings=settings)
         analyser.analyse(10**9, angles)
         assert (analyser.analyse(5 * 10**8, angles) is None) == (late > 0)
-        assert analyser.late == late
+        assert analyser.diagnostics.late == late
 
 
 def test_loops_reject_other_types_instead_of_compiling():

@@ -22,7 +22,7 @@ from scipy.optimize import brentq
 
 from soliton_linkage.dynamics.elastic import simulate
 from soliton_linkage.estimation.state_report import energy_reach
-from soliton_linkage.estimation.wobble import RestingWall, Wobble, WobbleReporter
+from soliton_linkage.estimation.wobble import Wobble, WobbleReporter
 from soliton_linkage.linear.bands import couplings, penetration_depth
 from soliton_linkage.linear.rigidity import mode_towards_last
 from soliton_linkage.linkage.chain import Array, Chain, Motion
@@ -36,6 +36,8 @@ WOBBLERS = (WOBBLER, STRONG_WOBBLER)
 PLACES = st.floats(5, ROTORS - 6)
 ANY_EXAMPLE = st.sampled_from(EXAMPLES)
 BOTH = (False, True)
+RestingWall = tuple[int, Array, float]
+"""First rotor, angles of a wall at rest [rad] and its site [rotor spacings]."""
 
 
 def wall_at(chain: Chain, site: float) -> RestingWall:
@@ -52,19 +54,19 @@ def wall_at(chain: Chain, site: float) -> RestingWall:
     before = beside + 1 + (nearest - beside - 1) % 2
     angles = static_wall(window, site - nearest + before)
     shift = before - nearest
-    return RestingWall(first, angles[first + shift : last + shift + 1], site)
+    return first, angles[first + shift : last + shift + 1], site
 
 
 def wall_on_orbit(orbit: UniformOrbit, arc: float) -> RestingWall:
     """Return the wall at rest at an arc of an orbit [rad]."""
     about = orbit.segment(arc)
-    return RestingWall(about.first, about.angles, orbit.site(arc))
+    return about.first, about.angles, orbit.site(arc)
 
 
 def wobble(
     chain: Chain, angles: Array, wall: RestingWall, noise: float = 0.0, persistent: float = 0.0
 ) -> Wobble:
-    return WobbleReporter(chain).wobble(angles, wall, noise, persistent)
+    return WobbleReporter(chain).wobble(angles, *wall, noise, persistent)
 
 
 def ratio_of(chain: Chain) -> float:
@@ -170,7 +172,7 @@ def test_the_noisy_wobble_is_unbiased_with_the_stated_deviations(example, noise)
     for site in 29 + np.arange(10) / 10:
         angles, wall = static_wall(chain, float(site)), wall_at(chain, float(site))
         for _ in range(40):
-            found = reporter.wobble(angles + noise * random.standard_normal(ROTORS), wall, noise)
+            found = reporter.wobble(angles + noise * random.standard_normal(ROTORS), *wall, noise)
             for name, error in (
                 ('ratio', (found.tail_ratio - ratio_of(chain)) / found.tail_ratio_deviation),
                 (

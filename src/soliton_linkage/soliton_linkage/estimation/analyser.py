@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from soliton_linkage.estimation.analysis import Analysis, cycle_phase
+from soliton_linkage.estimation.analysis import Analysis, Diagnostics, cycle_phase
 from soliton_linkage.estimation.estimates import (
     AnalysedSoliton,
     OrbitEstimate,
@@ -50,7 +50,7 @@ from soliton_linkage.estimation.wall_track import (
 )
 from soliton_linkage.estimation.wall_tracker import WallTracker
 from soliton_linkage.estimation.wall_width import ContractionEstimator, TheoryWidth
-from soliton_linkage.estimation.wobble import RestingWall, Wobble, WobbleReporter
+from soliton_linkage.estimation.wobble import Wobble, WobbleReporter
 from soliton_linkage.linkage.chain import Array, Chain, check_shape
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
 from soliton_linkage.orbit.deviating_orbit import orbit_of
@@ -122,11 +122,6 @@ class Analyser:
     def _shapes(self) -> WallShapes:
         return WallShapes(self.chain)
 
-    @property
-    def late_impulses(self) -> int:
-        """Number of impulses ignored because their stamps were not after the last frame."""
-        return self._impulses.late
-
     def apply_impulse(self, stamp: int | None, impulses: Array) -> None:
         """Apply angular impulses [N m s], shape (N,), in the first frame at or after `stamp` [ns].
 
@@ -137,38 +132,20 @@ class Analyser:
         self._impulses.add(stamp, self.chain.check_angles(impulses, 'impulse'))
 
     @property
-    def offsets(self) -> Array:
-        """Estimated offset of each encoder [rad], shape (N,); 0 if statistically insignificant."""
-        if self._filter is None:
-            return np.zeros(self.chain.number_of_rotors)
-        return self._filter.offsets.corrections
-
-    @property
-    def offset_deviations(self) -> Array:
-        """Standard deviation of each estimated offset [rad], shape (N,); NaN without an orbit."""
-        if self._filter is None:
-            return np.full(self.chain.number_of_rotors, math.nan)
-        return self._filter.offsets.deviations
-
-    @property
-    def stamp_error(self) -> float:
-        """Estimated standard deviation of the errors of frame stamps [s]; 0 if insignificant."""
-        return 0.0 if self._filter is None else math.sqrt(self._filter.jitter.variance)
-
-    @property
-    def rest_angle_error(self) -> float:
-        """Estimated error that all rest angles have in common [rad]; 0 if insignificant."""
-        return 0.0 if self._filter is None else self._filter.offsets.rest_angle_error
-
-    @property
-    def late(self) -> int:
-        """Number of frames rejected because their stamps did not increase."""
-        return self._clock.late
-
-    @property
-    def starts(self) -> int:
-        """Number of times that a search has located the chain on its orbit."""
-        return 0 if self._filter is None else self._filter.starts
+    def diagnostics(self) -> Diagnostics:
+        """Counters and estimated errors of the readings."""
+        late, made = (self._clock.late, self._impulses.late), self._filter
+        if made is None:
+            rotors = self.chain.number_of_rotors
+            return Diagnostics(np.zeros(rotors), np.full(rotors, math.nan), *late)
+        return Diagnostics(
+            made.offsets.corrections,
+            made.offsets.deviations,
+            *late,
+            made.starts,
+            math.sqrt(made.jitter.variance),
+            made.offsets.rest_angle_error,
+        )
 
     def analyse(
         self,
@@ -246,14 +223,14 @@ class Analyser:
         for impulse in impulses:
             self._filter.apply_impulse(impulse)
         estimate, view = self._filter.estimate, self._filter.view
-        corrected = seen - self.offsets
+        corrected = seen - self._filter.offsets.corrections
         expected = None
         if estimate.status is not TrackingStatus.LOST:
             if all_known and view is not None and view.largest <= self._half_swing:
                 return estimate, CompletedFrame(corrected, rates, self._none, True, False, 0)
             residuals = np.full(len(seen), np.nan) if view is None else view.residuals
             expected = on_orbit(self._filter.orbit, estimate, residuals)
-        last = self._unwrapper.last - self.offsets
+        last = self._unwrapper.last - self._filter.offsets.corrections
         return estimate, complete(self.chain, corrected, rates, expected, last)
 
     def _errors(self, estimate: OrbitEstimate, frame: CompletedFrame) -> FrameErrors:
@@ -342,5 +319,5 @@ class Analyser:
         if self._orbit is None or frame.others:
             return None
         about = self._orbit.segment(estimate.arc)
-        wall = RestingWall(about.first, about.angles, estimate.site)
-        return self._wobbles.wobble(frame.angles, wall, errors.noise, errors.persistent)
+        wall = about.first, about.angles, estimate.site
+        return self._wobbles.wobble(frame.angles, *wall, errors.noise, errors.persistent)

@@ -98,6 +98,27 @@ def cycle_phase(estimate: OrbitEstimate, orbit: Orbit | None) -> CyclePhase:
     )
 
 
+class Diagnostics(NamedTuple):
+    """Counters of an analyser and estimated errors of the readings; 0 if insignificant.
+
+    offsets: estimated offset of each encoder [rad], shape (N,).
+    offset_deviations: standard deviation of each offset [rad], shape (N,); NaN without an orbit.
+    late: number of frames rejected because their stamps did not increase.
+    late_impulses: number of impulses ignored because their stamps were not after the last frame.
+    starts: number of times that a search has located the chain on its orbit.
+    stamp_error: estimated standard deviation of the errors of frame stamps [s].
+    rest_angle_error: estimated error that all rest angles have in common [rad].
+    """
+
+    offsets: Array
+    offset_deviations: Array
+    late: int
+    late_impulses: int = 0
+    starts: int = 0
+    stamp_error: float = 0.0
+    rest_angle_error: float = 0.0
+
+
 class FrameAnalyser(Protocol):
     """Interface of an analyser that receives the frames of a chain in the order of their time."""
 
@@ -106,32 +127,8 @@ class FrameAnalyser(Protocol):
         """Reason why the analyser cannot locate walls on an orbit; an empty string if it can."""
 
     @property
-    def late(self) -> int:
-        """Number of frames rejected because their stamps did not increase."""
-
-    @property
-    def late_impulses(self) -> int:
-        """Number of impulses ignored because their stamps were not after the last frame."""
-
-    @property
-    def starts(self) -> int:
-        """Number of times that a search has located the chain on its orbit."""
-
-    @property
-    def stamp_error(self) -> float:
-        """Estimated standard deviation of the errors of frame stamps [s]; 0 if insignificant."""
-
-    @property
-    def rest_angle_error(self) -> float:
-        """Estimated error that all rest angles have in common [rad]; 0 if insignificant."""
-
-    @property
-    def offsets(self) -> Array:
-        """Estimated offset of each encoder [rad], shape (N,); 0 if statistically insignificant."""
-
-    @property
-    def offset_deviations(self) -> Array:
-        """Standard deviation of each estimated offset [rad], shape (N,); NaN without an orbit."""
+    def diagnostics(self) -> Diagnostics:
+        """Counters and estimated errors of the readings."""
 
     def analyse(
         self,
@@ -151,22 +148,20 @@ class UnknownChainAnalyser:
     """
 
     limitation = 'the parameters of the chain are unknown'
-    starts = late_impulses = 0
-    stamp_error = rest_angle_error = 0.0
 
     def __init__(self, number_of_rotors: int) -> None:
         """Start without frames; raise ValueError if the chain has fewer than 2 rotors."""
         if number_of_rotors < 2:
             raise ValueError(f'a chain of {number_of_rotors} joints is too short; give 2 or more')
-        self.offsets = np.zeros(number_of_rotors)
-        self.offset_deviations = np.full(number_of_rotors, math.nan)
+        self._rotors = number_of_rotors
         self._observer = MotionObserver()
         self._clock = FrameClock()
 
     @property
-    def late(self) -> int:
-        """Number of frames rejected because their stamps did not increase."""
-        return self._clock.late
+    def diagnostics(self) -> Diagnostics:
+        """Counter of late frames; no errors are estimated."""
+        unknown = np.full(self._rotors, math.nan)
+        return Diagnostics(np.zeros(self._rotors), unknown, self._clock.late)
 
     def analyse(
         self,
@@ -176,7 +171,7 @@ class UnknownChainAnalyser:
         deviations: Array | None = None,
     ) -> Analysis | None:
         """Analyse a frame as `Analyser.analyse` does, but ignore rates and standard deviations."""
-        check_shape(angles, len(self.offsets), 'angle')
+        check_shape(angles, self._rotors, 'angle')
         if not self._clock.advance(stamp):
             return None
         if self._clock.restarted:

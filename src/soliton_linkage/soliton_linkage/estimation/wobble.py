@@ -275,17 +275,6 @@ class Wobble(NamedTuple):
     exact_wavelength: float
 
 
-class RestingWall(NamedTuple):
-    """Computed wall at rest, at the same site as a measured wall."""
-
-    first: int
-    """Index of the rotor to which the first angle belongs."""
-    angles: Array
-    """Angles in the orientation of the orbit [rad], known up to whole turns, shape (n,)."""
-    site: float
-    """Site of the wall [rotor spacings]."""
-
-
 class WobbleReporter:
     """Reporter of the wobble of one chain."""
 
@@ -299,9 +288,18 @@ class WobbleReporter:
         self._bars['spins'] = chain.motion is Motion.SPINNER
 
     def wobble(
-        self, angles: Array, wall: RestingWall, noise: float = 0.0, persistent: float = 0.0
+        self,
+        angles: Array,
+        first: int,
+        at_rest: Array,
+        site: float,
+        noise: float = 0.0,
+        persistent: float = 0.0,
     ) -> Wobble:
-        """Return the wobble beside a wall, given finite angles [rad], shape (N,).
+        """Return the wobble beside a wall at `site`, given finite angles [rad], shape (N,).
+
+        `at_rest` are the angles of a computed wall at rest at the same site, from rotor `first`
+        on, in the orientation of the orbit and known up to whole turns [rad], shape (n,).
 
         A rotor deviates by e from the uniform state, and its outer neighbour by e'. Without waves,
         e' = F(e) (`next_deviation`), with the slope F'(0) = lambda_0 = (1 - d) / (1 + d) for the
@@ -310,7 +308,5 @@ class WobbleReporter:
         deviation of the angles, and `persistent` the rms of the persistent differences from the
         orbit [rad].
         """
-        overshoot, lengths = wobble(
-            self._bars, angles, wall.angles, wall.first, wall.site, noise, persistent
-        )
+        overshoot, lengths = wobble(self._bars, angles, at_rest, first, site, noise, persistent)
         return Wobble(*overshoot, *lengths, *self._exact)

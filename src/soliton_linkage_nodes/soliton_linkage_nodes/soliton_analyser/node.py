@@ -312,7 +312,7 @@ def _likely_error(analyser: FrameAnalyser) -> str:
 
     A wrong rest angle is seen far from the wall; other errors change only the shape of the wall.
     """
-    error = analyser.rest_angle_error
+    error = analyser.diagnostics.rest_angle_error
     if error:
         return f'the rotors far from the wall lean by {error:+.3g} rad more than chain.rest_angle'
     return 'the likeliest cause is an error of chain.rotor_length or chain.spacing'
@@ -352,21 +352,22 @@ def figures(analysis: JointStateAnalysis) -> dict[str, Any]:
     analyser, latest = analysis.analyser, analysis.latest
     if analyser is None or latest is None:
         return {}
+    found = analyser.diagnostics
     return {
-        'late frames': analyser.late,
-        'late impulses': analyser.late_impulses,
+        'late frames': found.late,
+        'late impulses': found.late_impulses,
         'solitons': len(latest.solitons),
         'status': latest.status.value,
         'unseen rotors': latest.unseen,
         'noise [rad]': latest.estimate.noise,
         'misfit [rad]': latest.estimate.misfit,
-        'starts': analyser.starts,
-        'stamp error [s]': analyser.stamp_error,
+        'starts': found.starts,
+        'stamp error [s]': found.stamp_error,
         'motion of the angles': getattr(latest.measured_motion.motion, 'value', 'unknown'),
         'confidence': latest.measured_motion.confidence,
         'encoder offsets [rad]': ', '.join(
-            f'{analysis.joint_names[rotor]} {analyser.offsets[rotor]:.4f} +- '
-            f'{analyser.offset_deviations[rotor]:.4f}'
-            for rotor in np.flatnonzero(analyser.offsets)
+            f'{analysis.joint_names[rotor]} {found.offsets[rotor]:.4f} +- '
+            f'{found.offset_deviations[rotor]:.4f}'
+            for rotor in np.flatnonzero(found.offsets)
         ),
     }
