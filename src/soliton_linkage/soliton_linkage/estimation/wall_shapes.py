@@ -82,17 +82,17 @@ def find_domains(polarised: Array, cost: float, right: Flags) -> None:
     """
     count = polarised.size
     # Highest scores up to the current bond: for a left-leaning bond, and for a right-leaning bond.
-    residuals, rightmost = 0.0, 0.0
+    leftmost, rightmost = 0.0, 0.0
     from_right = np.empty(count, dtype=np.bool_)
     from_left = np.empty(count, dtype=np.bool_)
     for n in range(count):
         score = min(max(polarised[n], -1.0), 1.0)
-        from_right[n] = n > 0 and rightmost - cost > residuals
-        from_left[n] = n > 0 and residuals - cost > rightmost
-        before_left = rightmost - cost if from_right[n] else residuals
-        before_right = residuals - cost if from_left[n] else rightmost
-        residuals, rightmost = before_left - score, before_right + score
-    leans = rightmost >= residuals
+        from_right[n] = n > 0 and rightmost - cost > leftmost
+        from_left[n] = n > 0 and leftmost - cost > rightmost
+        before_left = rightmost - cost if from_right[n] else leftmost
+        before_right = leftmost - cost if from_left[n] else rightmost
+        leftmost, rightmost = before_left - score, before_right + score
+    leans = rightmost >= leftmost
     for n in range(count - 1, -1, -1):
         right[n] = leans
         leans = (not from_left[n]) if leans else from_right[n]
