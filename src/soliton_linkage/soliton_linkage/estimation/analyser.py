@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from soliton_linkage.estimation.analysis import Analysis, Diagnostics, cycle_phase
+from soliton_linkage.estimation.analysis import Analysis, AnalyserDiagnostics, cycle_phase
 from soliton_linkage.estimation.estimates import (
     AnalysedSoliton,
     OrbitEstimate,
@@ -132,13 +132,13 @@ class Analyser:
         self._impulses.add(stamp, self.chain.check_angles(impulses, 'impulse'))
 
     @property
-    def diagnostics(self) -> Diagnostics:
+    def diagnostics(self) -> AnalyserDiagnostics:
         """Counters and estimated errors of the readings."""
         late, made = (self._clock.late, self._impulses.late), self._filter
         if made is None:
             rotors = self.chain.number_of_rotors
-            return Diagnostics(np.zeros(rotors), np.full(rotors, math.nan), *late)
-        return Diagnostics(
+            return AnalyserDiagnostics(np.zeros(rotors), np.full(rotors, math.nan), *late)
+        return AnalyserDiagnostics(
             made.offsets.corrections,
             made.offsets.deviations,
             *late,

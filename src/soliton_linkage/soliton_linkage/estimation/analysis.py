@@ -98,7 +98,7 @@ def cycle_phase(estimate: OrbitEstimate, orbit: Orbit | None) -> CyclePhase:
     )
 
 
-class Diagnostics(NamedTuple):
+class AnalyserDiagnostics(NamedTuple):
     """Counters of an analyser and estimated errors of the readings; 0 if insignificant.
 
     offsets: estimated offset of each encoder [rad], shape (N,).
@@ -127,7 +127,7 @@ class FrameAnalyser(Protocol):
         """Reason why the analyser cannot locate walls on an orbit; an empty string if it can."""
 
     @property
-    def diagnostics(self) -> Diagnostics:
+    def diagnostics(self) -> AnalyserDiagnostics:
         """Counters and estimated errors of the readings."""
 
     def analyse(
@@ -158,10 +158,10 @@ class UnknownChainAnalyser:
         self._clock = FrameClock()
 
     @property
-    def diagnostics(self) -> Diagnostics:
+    def diagnostics(self) -> AnalyserDiagnostics:
         """Counter of late frames; no errors are estimated."""
         unknown = np.full(self._rotors, math.nan)
-        return Diagnostics(np.zeros(self._rotors), unknown, self._clock.late)
+        return AnalyserDiagnostics(np.zeros(self._rotors), unknown, self._clock.late)
 
     def analyse(
         self,
