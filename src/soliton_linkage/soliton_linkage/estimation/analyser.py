@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from soliton_linkage.estimation.analysis import Analysis, AnalyserDiagnostics, cycle_phase
+from soliton_linkage.estimation.analysis import AnalyserDiagnostics, Analysis, cycle_phase
 from soliton_linkage.estimation.estimates import (
     AnalysedSoliton,
     OrbitEstimate,
