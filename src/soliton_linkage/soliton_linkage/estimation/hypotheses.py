@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from soliton_linkage.estimation.measurement import LinearisedMeasurement
+from soliton_linkage.estimation.measurement import SAME_SITE, LinearisedMeasurement
 from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
 from soliton_linkage.estimation.settings import EstimationSettings
 from soliton_linkage.orbit.orbit import Orbit
@@ -19,8 +19,6 @@ _LEAD = 3.0
 this [1]."""
 _STEP = 1e-3
 """Step for the numerical derivative of 1 / `Orbit.site_arc_at` [rotor spacings]."""
-_NEAR = 0.5
-"""Two hypotheses count as duplicates only if their walls are closer than this [rotor spacings]."""
 
 
 @dataclass
@@ -146,11 +144,11 @@ class Hypotheses:
         )
 
     def _same(self, one: Hypothesis, other: Hypothesis) -> bool:
-        gate, motion = self._settings.tracking.gate, one.motion
+        gate, motion = self._settings.noise.significance, one.motion
         apart = abs(math.remainder(motion.arc - other.motion.arc, self._orbit.length))
         faster = abs(motion.rate - other.motion.rate)
         return (
             one.upside_down == other.upside_down
-            and apart < min(gate * motion.arc_deviation, _NEAR * self._orbit.site_arc)
+            and apart < min(gate * motion.arc_deviation, SAME_SITE * self._orbit.site_arc)
             and faster < gate * motion.rate_deviation
         )

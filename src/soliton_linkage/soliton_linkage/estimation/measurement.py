@@ -26,6 +26,9 @@ LEAST_INFORMATION = 1e-6
 """A frame determines the arc length only if its Fisher information is at least this [1]."""
 LONGEST_STEP = 0.5
 """Largest Gauss-Newton step along the orbit [rad]; it moves a wall by about half a spacing."""
+SAME_SITE = 0.5
+"""Two points of the orbit are the same position of a wall only if their sites differ by less than
+this [rotor spacings]."""
 _MOST_STEPS = 20
 """A search ends at the latest after this number of Gauss-Newton steps [1]."""
 _LONGEST_RUN = 2

@@ -234,7 +234,10 @@ class OrbitFilter:
             acceleration = 0.0 if torques is None else self._rate_change(torques, each)
             self._predict(each.motion, elapsed, acceleration)
         best = self._hypotheses.leader.motion
-        if self._tracking.gate * math.sqrt(best.expected_variance) > self.orbit.length:
+        if (
+            self._settings.noise.significance * math.sqrt(best.expected_variance)
+            > self.orbit.length
+        ):
             self._lose(time)
             self._acquire(time, seen)
             return

@@ -23,6 +23,7 @@ from soliton_linkage.estimation.frames import rotor_swing
 from soliton_linkage.estimation.measurement import (
     LEAST_INFORMATION,
     LONGEST_STEP,
+    SAME_SITE,
     FrameLikelihood,
     LinearisedMeasurement,
     OrbitComparison,
@@ -44,8 +45,6 @@ _CLOSE = 1e-5
 SCAN_DEVIATION = 0.1
 """Standard deviation of the angles that a scan assumes, divided by the swing of a rotor [1]; the
 step of a scan is half of it."""
-_NEAR = 0.5
-"""A sample belongs to a candidate if their sites differ by less than this [rotor spacings]."""
 _EXACT = 1e-8
 """The search for the nearest point of the orbit ends when a step is shorter than this [rad]."""
 _SAME_ARC = 0.01
@@ -224,7 +223,7 @@ class Relocaliser:
             for candidate in candidates:
                 if candidate.upside_down == turned:
                     apart = np.abs(samples.sites - self._orbit.site(candidate.arc))
-                    found[apart < _NEAR] = -math.inf
+                    found[apart < SAME_SITE] = -math.inf
             terms.append(found)
         joined = np.concatenate(terms)
         top = float(joined.max())

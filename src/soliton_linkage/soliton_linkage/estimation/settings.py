@@ -39,7 +39,9 @@ class NoiseSettings(_Part):
     )
     least_noise: float = quantity(1e-5, 'lower limit of the estimated noise of angles', 'rad')
     significance: float = quantity(
-        4.0, 'number of standard deviations above which residuals count as persistent'
+        4.0,
+        'number of standard deviations above which residuals count as persistent, and innovations '
+        'as contradictions of a prediction',
     )
 
 
@@ -139,9 +141,6 @@ class FilterSettings(_Part):
 class TrackingSettings(_Part):
     """Settings for the gating, the acquisition and the loss of a wall."""
 
-    gate: float = quantity(
-        4.0, 'number of standard deviations above which an innovation is rejected'
-    )
     decisive_odds: float = quantity(
         12.0, 'a position is discarded if the log odds of the best position against it exceed this'
     )

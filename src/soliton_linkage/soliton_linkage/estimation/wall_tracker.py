@@ -80,7 +80,7 @@ class WallTracker:
         """
         self._line, self._scale, self._arc = line, scale, site_arc
         self._edge_way = swing + 2 * line.near
-        self._settings, self._gate = settings, settings.tracking.gate
+        self._settings, self._gate = settings, settings.noise.significance
         self._next = 1
         self.restart()
 
