@@ -101,8 +101,8 @@ def test_a_signal_ends_every_program_that_is_being_imported(start):
 @pytest.mark.parametrize(
     ('node', 'moment', 'code'),
     [
-        ('soliton_analyser', 'numpy/__init__.py:<module>', -signal.SIGINT),
-        ('soliton_analyser', 'soliton_analyser/node.py:__init__', 0),
+        ('simulator', 'numpy/__init__.py:<module>', -signal.SIGINT),
+        ('edge_actuator', 'edge_actuator/node.py:configure', 0),
         ('edge_actuator', 'runtime/process.py:_spin', 0),
     ],
 )

@@ -40,6 +40,11 @@ def chain_plane(layout: MarkerLayout, camera: Camera = CAMERA, near: float = 1.0
     return posed_plane(camera, (length / 2, 0.0), distance, 0.06, -0.09, 0.01)
 
 
+def exact_layout(chain: Chain) -> MarkerLayout:
+    """Return the layout of a rendered film, which has no error of the positions."""
+    return MarkerLayout(chain, MarkerSettings(placing_tolerance=0.0))
+
+
 def renderer(
     chain: Chain,
     amplitude: float = 0.15,
@@ -47,8 +52,7 @@ def renderer(
     settings: FilmSettings | None = None,
     hands: tuple[Hand, ...] = (),
 ) -> tuple[MarkerLayout, Renderer, Motion]:
-    # A rendered film has no error of the positions.
-    layout = MarkerLayout(chain, MarkerSettings(placing_tolerance=0.0))
+    layout = exact_layout(chain)
     motion = swinging(chain, amplitude, rate)
     given = FilmSettings() if settings is None else settings
     return layout, Renderer(layout, chain_plane(layout), motion, given, hands), motion

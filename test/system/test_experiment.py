@@ -25,8 +25,10 @@ from soliton_linkage_nodes.messages.conversions import joint_states_from_msg
 from soliton_linkage_nodes.messages.joint_state_analysis import JointStateAnalysis
 from soliton_linkage_nodes.messages.state_conversions import state_to_msg
 from soliton_linkage_nodes.programs.bag_analysis import read_chain
+from soliton_linkage_nodes.programs.experiment import experiment
 from soliton_linkage_nodes.programs.experiment.program import main
 from soliton_linkage_nodes.programs.experiment.report import RecordedRun, read_run
+from soliton_linkage_nodes.runtime.child_processes import ChildProcesses
 
 ROOT = Path(__file__).resolve().parents[2]
 CONFIGURATION = ROOT / 'config'
@@ -117,15 +119,23 @@ def test_a_signal_while_nodes_come_up_stops_them_and_leaves_a_readable_bag(start
     assert check_bag(bag).damage == []
 
 
-def test_a_parameter_that_stops_a_node_stops_the_experiment(start, tmp_path):
+def test_a_parameter_that_stops_a_node_stops_the_experiment(tmp_path, monkeypatch):
+    class OnlyRecorder(ChildProcesses):
+        def start(self, node, *given):
+            if node == 'bag_recorder':
+                super().start(node, *given)
+
     configuration = tmp_path / 'wrong.yaml'
     configuration.write_text('bag_recorder:\n  ros__parameters:\n    regx: x\n')
-    process = start(configuration, tmp_path / 'out')
-    said = process.communicate(timeout=LONGEST_RUN)[0]
-    assert process.returncode == 1
-    assert "parameter 'regx' of bag_recorder is unknown; did you mean 'regex'?" in said
-    assert 'Traceback' not in said
-    assert_nothing_runs(tmp_path / 'out')
+    monkeypatch.setattr(experiment, 'ChildProcesses', OnlyRecorder)
+    monkeypatch.setenv(MARK, str(tmp_path))
+    monkeypatch.setattr(
+        'sys.argv', ['experiment', str(configuration), '--output', str(tmp_path / 'out')]
+    )
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert "parameter 'regx' of bag_recorder is unknown; did you mean 'regex'?" in str(end.value)
+    assert_nothing_runs(tmp_path)
 
 
 def test_a_wrong_configuration_and_output_are_logged_in_one_line(tmp_path, monkeypatch):

@@ -3,30 +3,42 @@
 
 import os
 import signal
+import sys
 from pathlib import Path
 
 import pytest
 
 from soliton_linkage_nodes.live_view import session
-from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.child_processes import ChildProcesses
 
-SLOW = """
-/**: {ros__parameters: {chain.number_of_rotors: 8}}
-/**/simulator: {ros__parameters: {publish_rate: 10.0}}
+ACTUATOR_AND_PAGE = """
+import runpy, sys
+from soliton_linkage_nodes.live_view import session
+
+class ActuatorAndPage(session.ChildProcesses):
+    def start(self, node, *given):
+        if node in ('edge_actuator', 'live_view'):
+            super().start(node, *given)
+
+session.ChildProcesses = ActuatorAndPage
+sys.argv = sys.argv[1:]
+runpy.run_path(sys.argv[0], run_name='__main__')
 """
 
 
 def test_a_killed_node_is_started_again_and_named(graph, start, tmp_path):
-    states, reports = graph.hear(interfaces.SOLITON_STATE), graph.reports('edge_actuator')
-    config = tmp_path / 'slow.yaml'
-    config.write_text(SLOW)
+    reports = graph.reports('edge_actuator')
+    config = tmp_path / 'empty.yaml'
+    config.write_text('{}')
     options = ('--output', str(tmp_path / 'out'), '--port', '0', '--no-browser')
-    program = start('live', str(config), *options)
-    graph.until(lambda: states, 'the first state')
+    command = [sys.executable, '-c', ACTUATOR_AND_PAGE]
+    program = start('live', str(config), *options, command=command)
+    graph.until(lambda: reports, 'a report of the actuator')
     graph.until(lambda: any('http://' in line for line in program.said), 'the address')
     (address,) = [line.strip() for line in program.said if 'http://' in line]
     assert address.endswith('/')
+    for node in ('simulator', 'edge_actuator', 'soliton_analyser', 'soliton_steering'):
+        assert node in program.said[0]
     folder = f'/proc/{program.process.pid}/task/{program.process.pid}'
     children = [int(pid) for pid in Path(folder, 'children').read_text().split()]
     (actuator,) = [
@@ -43,15 +55,18 @@ def test_a_killed_node_is_started_again_and_named(graph, start, tmp_path):
 
 
 def test_a_node_that_cannot_start_ends_the_program(graph, tmp_path, monkeypatch, capsys):
-    class SimulatorAndPage(ChildProcesses):
+    class OnlySimulator(ChildProcesses):
         def start(self, node, *given):
-            if node in ('simulator', 'live_view'):
+            if node == 'simulator':
                 super().start(node, *given)
+
+        def output(self, node):
+            return super().output(node) if node == 'simulator' else ''
 
     wrong = tmp_path / 'wrong.yaml'
     wrong.write_text('/**/simulator: {ros__parameters: {chain.spacing: -1.0}}')
     options = ['--output', str(tmp_path / 'out'), '--port', '0', '--no-browser']
-    monkeypatch.setattr(session, 'ChildProcesses', SimulatorAndPage)
+    monkeypatch.setattr(session, 'ChildProcesses', OnlySimulator)
     monkeypatch.setattr('sys.argv', ['live', str(wrong), *options])
     monkeypatch.setenv('ROS_DOMAIN_ID', str(graph.domain))
     with pytest.raises(SystemExit, match='1'):

@@ -18,7 +18,7 @@ from soliton_linkage_nodes.soliton_steering.node import SolitonSteering
 
 QUICK = {
     'chain.number_of_rotors': 8,
-    'publish_rate': 250.0,
+    'publish_rate': 125.0,
     'real_time_factor': 0.25,
     'tolerance': 1e-8,
 }

@@ -59,7 +59,7 @@ class Bench:
             {
                 'chain.number_of_rotors': ROTORS,
                 **{f'chain.disorder.{key}': value for key, value in asdict(disorder).items()},
-                'publish_rate': 250.0,
+                'publish_rate': 125.0,
                 'real_time_factor': 0.25,
                 'tolerance': 1e-8,
             },

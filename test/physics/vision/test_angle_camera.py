@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from filmed_chains import CAMERA, PERIOD, renderer, swinging
+from filmed_chains import CAMERA, PERIOD, exact_layout, renderer, swinging
 
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.vision.angle_camera import AngleCamera, AngleFrame
@@ -28,7 +28,7 @@ def swing(hands: tuple[Hand, ...] = ()) -> list[Picture]:
 
 def measure(pictures: Sequence[Picture]) -> tuple[AngleCamera, list[AngleFrame], np.ndarray]:
     """Return the camera, its frames and the errors of the angles [rad], (frames, N)."""
-    camera = AngleCamera(renderer(CHAIN)[0], CAMERA)
+    camera = AngleCamera(exact_layout(CHAIN), CAMERA)
     times = TIMES[: len(pictures)]
     seen = [camera.measure(time, each) for time, each in zip(times, pictures, strict=True)]
     truth = swinging(CHAIN, 0.15, 12.0)(times + np.array([frame.delay for frame in seen]))[0]
@@ -51,7 +51,7 @@ def test_dots_that_differ_within_their_sheets_increase_the_stated_deviations():
     stated = []
     for moved in (0 * shifts, shifts):
         # The layout of the camera differs from the printed one by the shifts of the dots.
-        own, _, _ = renderer(CHAIN)
+        own = exact_layout(CHAIN)
         object.__setattr__(own, 'frame_dots', layout.frame_dots + moved)
         camera = AngleCamera(own, CAMERA)
         for time in TIMES[:4].tolist():

@@ -160,7 +160,10 @@ class Renderer:
         camera = self._camera
         grid = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), axis=-1)
         points = self._plane.points(grid.astype(np.float64), height)
-        size = 1 / self._plane.pixels_per_metre(points, height)
+        (ax, az), (bx, bz) = (
+            np.moveaxis(each, -1, 0) for each in np.gradient(points, axis=(0, 1))
+        )
+        size = np.sqrt(np.abs(ax * bz - az * bx))
         spread = np.sqrt(self._settings.blur**2 + 1 / 12)
         return Pixels(*map(np.ascontiguousarray, (*np.moveaxis(points, -1, 0), size * spread)))
 
@@ -201,12 +204,13 @@ class Renderer:
             corners = self._plane.points(np.stack(np.meshgrid(columns, rows), axis=-1))
             across = _between(corners.swapaxes(0, 1), fine).swapaxes(0, 1)
             positions = (_between(across, fine) - centre) / size
-            paper = np.abs(positions).max(axis=-1) < half
-            from_dot = np.hypot(*(np.abs(positions) * size - size / 2 - layout.label_radius).T).T
+            x, z = np.abs(np.moveaxis(positions, -1, 0))
+            beside = np.maximum(x, z)
+            paper = beside < half
+            from_dot = np.hypot(*(size * each - size / 2 - layout.label_radius for each in (x, z)))
             cells = np.floor((positions * [1, -1] + 0.5) * MODULES).astype(int)
-            on = np.all((cells >= 0) & (cells < MODULES), axis=-1)
             inside = np.clip(cells, 0, MODULES - 1)
-            cell = on & (bits[inside[..., 1], inside[..., 0]] == 0)
+            cell = (beside < 0.5) & (bits[inside[..., 1], inside[..., 0]] == 0)
             # The edge of a dot is a ramp between black and white, because a step would displace
             # dots.
             sharpness = fine * self._plane.pixels_per_metre(centre[None])[0]
