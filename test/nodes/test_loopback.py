@@ -7,7 +7,9 @@ killed at its start, all others of the machine wait for.
 
 from pathlib import Path
 
-from programs import until
+from soliton_linkage_nodes.messages.conversions import chain_to_msg
+from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
 ROOT = Path(__file__).parents[2]
 ENTER = (
@@ -30,18 +32,9 @@ def addresses(process: int) -> set[str]:
     return found
 
 
-def test_a_running_graph_binds_the_loopback_alone_and_shares_no_memory(start):
-    enter = ['bash', '-c', ENTER]
-    small = ('--ros-args', '-p', 'chain.number_of_rotors:=8', '-p', 'publish_rate:=50.0')
-    nodes = [
-        start('simulator', *small, command=enter),
-        start('edge_actuator', command=enter),
-    ]
-    until(
-        lambda: any('/chain describes' in line for line in nodes[1].said),
-        'the chain',
-        lambda: [node.said for node in nodes],
-    )
-    for node in nodes:
-        assert addresses(node.process.pid) == {'127.0.0.1'}
-        assert '/dev/shm/fastrtps' not in Path(f'/proc/{node.process.pid}/maps').read_text()
+def test_a_node_in_a_graph_binds_the_loopback_alone_and_shares_no_memory(graph, start, named):
+    node = start('edge_actuator', command=['bash', '-c', ENTER])
+    graph.speak(interfaces.CHAIN).publish(chain_to_msg(named, time_to_msg(0)))
+    graph.until(lambda: any('/chain describes' in line for line in node.said), 'the chain')
+    assert addresses(node.process.pid) == {'127.0.0.1'}
+    assert '/dev/shm/fastrtps' not in Path(f'/proc/{node.process.pid}/maps').read_text()

@@ -129,23 +129,7 @@ def test_files_of_another_numba_are_replaced(warm):
     assert warm.run() == (RIGHT, [])
 
 
-def test_a_change_of_a_called_loop_in_another_module_compiles_the_caller_again(warm):
-    for factor, result in ((20, '41.0 63 10.5'), (10, RIGHT)):
-        warm.write(factor)
-        assert warm.run() == (result, [])
-
-
-def test_a_second_process_compiles_nothing_even_with_other_comments_and_docstrings(warm):
-    files = warm.files()
-    assert files
-    described = LOOPS.replace('Return it', 'Return a number')
-    (warm.folder / 'loops.py').write_text(f'# A comment.\n{described}', encoding='utf-8')
-    assert warm.run() == (RIGHT, [])
-    assert warm.files() == files
-
-
-def test_a_change_of_the_fields_of_a_named_tuple_compiles_again(loops):
-    record = """
+RECORD = """
 from typing import NamedTuple
 from soliton_linkage.compiling import compile_loop
 
@@ -157,11 +141,25 @@ class Pair(NamedTuple):
 def first(x):
     return Pair(x, 2.0 * x).a
 """
-    printed = []
-    for fields in (('a', 'b'), ('b', 'a')):
-        (loops.folder / 'pairs.py').write_text(record.format(*fields), encoding='utf-8')
-        printed.append(loops.run('import pairs; print(pairs.first(1.0))'))
-    assert printed == [('1.0', []), ('2.0', [])]
+
+
+def test_changes_of_a_loop_and_of_a_named_tuple_in_another_module_compile_the_caller_again(warm):
+    for factor, fields, result in (
+        (20, ('a', 'b'), '41.0 63 10.5\n1.0'),
+        (10, ('b', 'a'), f'{RIGHT}\n2.0'),
+    ):
+        warm.write(factor)
+        (warm.folder / 'pairs.py').write_text(RECORD.format(*fields), encoding='utf-8')
+        assert warm.run(f'{RUN}; import pairs; print(pairs.first(1.0))') == (result, [])
+
+
+def test_a_second_process_compiles_nothing_even_with_other_comments_and_docstrings(warm):
+    files = warm.files()
+    assert files
+    described = LOOPS.replace('Return it', 'Return a number')
+    (warm.folder / 'loops.py').write_text(f'# A comment.\n{described}', encoding='utf-8')
+    assert warm.run() == (RIGHT, [])
+    assert warm.files() == files
 
 
 def test_processes_that_write_at_once_do_not_disturb_each_other(loops):

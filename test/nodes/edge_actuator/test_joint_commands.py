@@ -133,14 +133,6 @@ def test_listed_joints_use_arrays_in_their_order_and_their_own_limits(graph, nam
     np.testing.assert_array_equal(desk.frames(1), [at(r6=0.02, r1=-0.3)])
 
 
-def test_without_a_timeout_efforts_are_held_until_they_are_taken_back(graph, named):
-    desk = Desk(graph, named, {'command_timeout': 0.0})
-    desk.say(JOINTS, efforts(rotor_3=1e-3))
-    np.testing.assert_array_equal(desk.frames(300), [at(r3=1e-3)] * 300)
-    desk.say(JOINTS, efforts(rotor_3=0.0))
-    assert not desk.frames(3, messages=1).any()
-
-
 def test_a_trajectory_interpolates_its_points_linearly_and_is_held_for_the_timeout(desk):
     desk.say(TRAJECTORY, trajectory(['rotor_4'], (0.02, [2e-3]), (0.05, [-1e-3])))
     torques = desk.frames(12, messages=11)
@@ -255,15 +247,6 @@ def test_stamps_that_go_back_end_all_torques(desk):
     desk.bench.joints(rest, stamp=0.1)
     desk.bench.graph.next_report('edge_actuator')
     assert desk.bench.torques == []
-
-
-def test_a_frame_that_comes_twice_changes_nothing(desk):
-    desk.say(JOINTS, efforts(rotor_6=2e-3))
-    desk.frames(1)
-    rest = desk.bench.named.chain.uniform_state(-1)
-    desk.bench.joints(rest, stamp=desk.now)
-    assert 'stamp each frame' in desk.bench.refusal()
-    np.testing.assert_array_equal(desk.frames(1), [at(r6=2e-3)])
 
 
 def test_wrong_parameters_stop_it(graph, named):

@@ -137,19 +137,6 @@ def test_a_pulse_follows_the_mode_and_its_ramps_until_its_time_is_over(bench):
         np.testing.assert_allclose(given, 5e-3 * mean * mode, atol=1e-15)
 
 
-def test_a_pulse_without_a_time_is_the_impulse_of_one_period(bench):
-    chain = bench.named.chain
-    rest = chain.uniform_state(RIGHT)
-    pulse = {'edge': EdgeCommand.LAST, 'kind': EdgeCommand.PULSE, 'value': -0.05}
-    bench.joints(rest, stamp=1.0)
-    bench.command(**pulse)
-    assert 'which is not known yet; specify a duration' in bench.refusal()
-    bench.joints(rest, stamp=1.004)
-    bench.command(**pulse)
-    expected = -0.05 * 0.004 * edge_mode(chain, rest, Edge.LAST)
-    np.testing.assert_allclose(bench.next_impulses(), expected, rtol=1e-6)
-
-
 @pytest.mark.parametrize('side', [Edge.FIRST, Edge.LAST])
 def test_a_pressure_follows_the_filling_and_venting_of_the_chamber(bench, side):
     chain = bench.named.chain
@@ -166,22 +153,6 @@ def test_a_pressure_follows_the_filling_and_venting_of_the_chamber(bench, side):
     strengths[-1] = 0.0
     expected = strengths[:, None] * edge_mode(chain, rest, side)
     np.testing.assert_allclose(torques, expected, atol=1e-14)
-
-
-def test_a_pressure_for_ever_lasts_until_it_is_vented_wherever_the_mode_is(bench):
-    chain = bench.named.chain
-    left, right = chain.uniform_state(LEFT), chain.uniform_state(RIGHT)
-    bench.joints(left, stamp=0.0)
-    bench.joints(left, stamp=0.5)
-    bench.carry_out(edge=EdgeCommand.NEAREST, kind=LASTING, value=-5e4)
-    held = bench.drive([left, left, right], 1.0, 1e3, messages=3)
-    strength = -5e4 * bench.node.actuator.torque_per_pressure
-    expected = strength * edge_mode(chain, right, Edge.FIRST, anywhere=True)
-    np.testing.assert_allclose(held[-1], expected, rtol=1e-9)
-    bench.carry_out(edge=EdgeCommand.FIRST, kind=LASTING, value=0.0)
-    vented = bench.drive([right] * 3, 3e3, 1.0, messages=2)
-    assert vented[0].any()
-    assert not vented[1].any()
 
 
 FULL_KICK = {'edge': EdgeCommand.FIRST, 'kind': EdgeCommand.KICK, 'value': 5.0}

@@ -108,7 +108,7 @@ def test_neither_energy_nor_bars_drift_in_thousands_of_steps():
     simulation = RigidSimulation(chain, start, period=0.1, tolerance=1e-10, gravity=TILTED)
     drifts, stretches, turns = [], [], 0
     steps = 0
-    while steps < 3000:
+    while steps < 2000:
         while not simulation.ready:
             simulation.step()
             steps += 1
@@ -117,7 +117,7 @@ def test_neither_energy_nor_bars_drift_in_thousands_of_steps():
         turns += before * (zero_mode(chain, simulation.angles) @ simulation.rates) < 0
         drifts.append(abs(simulation.energy_drift))
         stretches.append(stretch(simulation))
-    assert turns > 15
+    assert turns > 10
     half = len(drifts) // 2
     for values in (drifts, stretches):
         assert max(values) <= 32 * EPS

@@ -118,8 +118,8 @@ def test_missing_rotors_lose_only_their_information():
     for share in [0.3, 0.6]:
         orbit = uniform_orbit(FLIPPER, 40)
         scores, ratios = [], []
-        for run in range(12):
-            stream = Stream(orbit, 0.05, start=5 + 2 * run, seed=run)
+        for run in range(8):
+            stream = Stream(orbit, 0.05, start=5 + 3 * run, seed=run)
             tracker = OrbitFilter(orbit, 0.05)
             times = PERIOD * np.arange(150)
             for time in times.tolist():

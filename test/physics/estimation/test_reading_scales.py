@@ -35,7 +35,7 @@ def normalised_and_errors(
 
 
 @lru_cache
-def runs(weighted: bool, noise: float | None = None, count: int = 30) -> Array:
+def runs(weighted: bool, noise: float | None = None, count: int = 20) -> Array:
     """Return normalised errors, errors and noises, shape (3, runs)."""
     return np.transpose([normalised_and_errors(seed, weighted, noise) for seed in range(count)])
 

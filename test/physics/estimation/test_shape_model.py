@@ -23,7 +23,7 @@ from soliton_linkage_studies.collisions.runs import INITIAL_DISTANCE, Collision,
 from soliton_linkage_studies.collisions.travelling_wall import travelling_wall
 
 NOISE = 0.01
-FRAMES = 80
+FRAMES = 50
 CHAINS = {
     'flipper': Chain(61, rest_angle=0.97),
     'wide flipper': Chain(81, rest_angle=0.3),
@@ -101,7 +101,7 @@ def test_waves_increase_the_stated_deviations_from_the_first_frame_on():
 def test_an_anti_kink_is_located_while_a_kink_leaves_at_the_edge(mirrored):
     chain = Chain(61, rotor_length=0.03, rest_angle=0.97)
     errors = []
-    for site in np.arange(52.0, 54.0, 0.25):
+    for site in np.arange(52.0, 54.0, 0.5):
         theta, (kink, anti_kink) = kink_and_anti_kink(chain, float(site))
         for first in range(46, 54, 2):
             part = theta[first : first + 40]

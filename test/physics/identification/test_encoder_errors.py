@@ -28,7 +28,7 @@ def with_play(angles: Array) -> Array:
 
 def found_fault(nominal: Chain, change: Callable[[Array], Array]) -> EncoderFault | None:
     """Error that is found after `change` of the readings of rotor 5 in a passage and back."""
-    angles = passage(unequal(replace(nominal, number_of_rotors=12), 2))
+    angles = passage(unequal(replace(nominal, number_of_rotors=12), 2), 300)
     angles = np.concatenate([angles, angles[::-1]])
     readings = read(angles, 2)[0]
     readings[:, 5] += change(angles[:, 5]) - angles[:, 5]

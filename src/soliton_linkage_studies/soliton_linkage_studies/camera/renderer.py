@@ -160,10 +160,9 @@ class Renderer:
         camera = self._camera
         grid = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), axis=-1)
         points = self._plane.points(grid.astype(np.float64), height)
-        (ax, az), (bx, bz) = (
-            np.moveaxis(each, -1, 0) for each in np.gradient(points, axis=(0, 1))
-        )
-        size = np.sqrt(np.abs(ax * bz - az * bx))
+        down, across = (np.asarray(np.gradient(points, axis=axis)) for axis in (0, 1))
+        areas = down[..., 0] * across[..., 1] - down[..., 1] * across[..., 0]
+        size = np.sqrt(np.abs(areas))
         spread = np.sqrt(self._settings.blur**2 + 1 / 12)
         return Pixels(*map(np.ascontiguousarray, (*np.moveaxis(points, -1, 0), size * spread)))
 
