@@ -22,19 +22,7 @@ from matplotlib.quiver import Quiver
 from numpy.typing import ArrayLike
 
 from soliton_linkage.linkage.chain import Array, Chain, displacement
-from soliton_linkage_studies.palette import (
-    BLACK,
-    BLUE,
-    CURVE_COLOURS,
-    GREEN,
-    GREY,
-    LEAN_COLOURS,
-    LEANS_LEFT,
-    LEANS_RIGHT,
-    RED,
-    WHITE,
-    lean_colour_scale,
-)
+from soliton_linkage_studies import palette
 
 _OUTSIDE = matplotlib.__version_info__ >= (3, 7)
 """Whether matplotlib can put a legend outside the panels; otherwise the legend covers a panel."""
@@ -45,7 +33,7 @@ LEGEND_BELOW: Literal['outside lower center', 'lower center'] = (
     'outside lower center' if _OUTSIDE else 'lower center'
 )
 PIXELS: Any = {
-    'cmap': LEAN_COLOURS,
+    'cmap': palette.LEAN_COLOURS,
     'origin': 'lower',
     'aspect': 'auto',
     'interpolation': 'nearest',
@@ -98,7 +86,7 @@ def limits(
 
 def lean_norm(chain: Chain) -> FuncNorm:
     """Return the matplotlib norm from displacements u [m] to positions in `LEAN_COLOURS`."""
-    positions, shares = lean_colour_scale(chain)
+    positions, shares = palette.lean_colour_scale(chain)
     return FuncNorm(
         (partial(_between, positions, shares), partial(_between, shares, positions)),
         vmin=float(positions[0]),
@@ -135,7 +123,7 @@ class ChainPicture:
         self.arrows = None
         if mode is not None:
             vectors = _stretched(chain, angles, mode, arrow_length)
-            self.arrows = _quiver(axes, mass_points(chain, angles), vectors, chain, GREEN)
+            self.arrows = _quiver(axes, mass_points(chain, angles), vectors, chain, palette.GREEN)
         self.projections = None
         if projections:
             self.projections = projection_quiver(axes, chain, angles, lowered)
@@ -202,13 +190,13 @@ def add_legend(figure: Figure) -> None:
     """Add a legend of the symbols in one row below the panels."""
     right, left = (f'u leans {side}' for side in ('right', 'left'))
     styles: list[tuple[str, str, str, Literal['', '-', '--']]] = [
-        ('pivot', BLACK, 'x', ''),
-        ('rotor', BLACK, '', '-'),
-        ('mass', BLUE, 'o', ''),
-        ('spring', RED, '', '--'),
-        ('velocity in the zero mode', GREEN, r'$\rightarrow$', ''),
-        (right, LEANS_RIGHT, r'$\rightarrow$', ''),
-        (left, LEANS_LEFT, r'$\leftarrow$', ''),
+        ('pivot', palette.BLACK, 'x', ''),
+        ('rotor', palette.BLACK, '', '-'),
+        ('mass', palette.BLUE, 'o', ''),
+        ('spring', palette.RED, '', '--'),
+        ('velocity in the zero mode', palette.GREEN, r'$\rightarrow$', ''),
+        (right, palette.LEANS_RIGHT, r'$\rightarrow$', ''),
+        (left, palette.LEANS_LEFT, r'$\leftarrow$', ''),
     ]
     handles = [
         Line2D([], [], color=colour, marker=marker, linestyle=line, label=name, markersize=8)
@@ -226,7 +214,7 @@ def projection_quiver(axes: Axes, chain: Chain, angles: Array, lowered: float = 
     positions = np.column_stack([chain.pivots, _rows(chain) - lowered])
     vectors = np.column_stack([along, np.zeros_like(along)])
     arrows = _quiver(axes, positions, vectors, chain, None)
-    arrows.set_cmap(LEAN_COLOURS)
+    arrows.set_cmap(palette.LEAN_COLOURS)
     arrows.set_norm(lean_norm(chain))
     arrows.set_array(along)
     return arrows
@@ -245,14 +233,14 @@ def draw_torus(axes: Axes, chain: Chain, curves: Sequence[Array]) -> None:
     the same line on the torus. Triangles mark the four uniform states.
     """
     for number, curve in enumerate(curves):
-        colour = CURVE_COLOURS[number % len(CURVE_COLOURS)]
+        colour = palette.CURVE_COLOURS[number % len(palette.CURVE_COLOURS)]
         axes.plot(*split_at_wraps(curve).T, color=colour, linewidth=2.5, zorder=2)
     rest = chain.rest_angle
     for states, marker, colour, label in (
-        ((rest, math.pi - rest), '>', LEANS_RIGHT, 'leans right'),
-        ((-rest, rest - math.pi), '<', LEANS_LEFT, 'leans left'),
+        ((rest, math.pi - rest), '>', palette.LEANS_RIGHT, 'leans right'),
+        ((-rest, rest - math.pi), '<', palette.LEANS_LEFT, 'leans left'),
     ):
-        look: Any = {'color': colour, 'markersize': 13, 'markeredgecolor': WHITE}
+        look: Any = {'color': colour, 'markersize': 13, 'markeredgecolor': palette.WHITE}
         axes.plot(states, states, marker, label=label, zorder=4, **look)
     ends, names = (-math.pi, math.pi), ['−π', '−π/2', '0', 'π/2', 'π']
     axes.set(xlim=ends, ylim=ends, aspect='equal', xlabel='θ₁ [rad]', ylabel='θ₂ [rad]')
@@ -275,9 +263,13 @@ def towards_camera(azimuth: float, elevation: float) -> Array:
 
 def _bars(axes: Axes, chain: Chain, rigid: bool) -> tuple[LineCollection, LineCollection]:
     thickness, dashes = _thickness(chain), 'solid' if rigid else [(0, (2.5, 1.2))]
-    springs = LineCollection([], colors=RED, linestyles=dashes, linewidths=0.75 * thickness)
-    colours = [BLACK, GREY] if chain.rotor_length > chain.spacing else BLACK
-    border = [withStroke(linewidth=thickness + 1.6, foreground=WHITE)]
+    springs = LineCollection(
+        [], colors=palette.RED, linestyles=dashes, linewidths=0.75 * thickness
+    )
+    colours = (
+        [palette.BLACK, palette.GREY] if chain.rotor_length > chain.spacing else palette.BLACK
+    )
+    border = [withStroke(linewidth=thickness + 1.6, foreground=palette.WHITE)]
     rotors = LineCollection([], colors=colours, linewidths=thickness, path_effects=border)
     rotors.set_capstyle('round')
     for order, bars in enumerate((springs, rotors), start=2):
@@ -289,8 +281,12 @@ def _bars(axes: Axes, chain: Chain, rigid: bool) -> tuple[LineCollection, LineCo
 def _points(axes: Axes, chain: Chain) -> tuple[Line2D, Line2D]:
     size: Any = {'markersize': 3 * _thickness(chain)}
     width = 0.6 * _thickness(chain)
-    (pivots,) = axes.plot([], [], 'x', color=BLACK, markeredgewidth=width, zorder=4, **size)
-    (masses,) = axes.plot([], [], 'o', color=BLUE, markeredgecolor=WHITE, zorder=6, **size)
+    (pivots,) = axes.plot(
+        [], [], 'x', color=palette.BLACK, markeredgewidth=width, zorder=4, **size
+    )
+    (masses,) = axes.plot(
+        [], [], 'o', color=palette.BLUE, markeredgecolor=palette.WHITE, zorder=6, **size
+    )
     return pivots, masses
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -26,8 +25,8 @@ from soliton_linkage.steering.torque_allocation import TorqueAllocation
 from soliton_linkage_studies.drawing import LEGEND_ABOVE
 from soliton_linkage_studies.figure_report import FigureReport
 from soliton_linkage_studies.palette import COLOURS, GREY
-from soliton_linkage_studies.program import run_parallel, run_study, study_parser
-from soliton_linkage_studies.settings import Section, chain_from, load_settings
+from soliton_linkage_studies.program import run_parallel, study_command
+from soliton_linkage_studies.settings import Section, load_settings
 from soliton_linkage_studies.sweep.table import markdown_table
 
 MoveKey = tuple[str, str]
@@ -181,12 +180,10 @@ def read_moves(settings: Section, quick: bool) -> dict[MoveKey, list[MoveTask]]:
     frame_rate = settings.number('frame_rate', 10.0, 2000.0)
     moves = settings.whole_number('moves', 1, 10_000)
     held, limit = settings.number('held', 0.0, 60.0), settings.number('torque_limit', 1e-9, 1e6)
-    found = settings.section('conditions').sections()
+    found = settings.sections('conditions')
     conditions = {name: _condition(section) for name, section in found.items()}
-    found = settings.section('chains').sections()
-    chains = {name: chain_from(section) for name, section in found.items()}
     tasks = {}
-    for number, (name, chain) in enumerate(chains.items()):
+    for number, (name, chain) in enumerate(settings.chains().items()):
         random, last = np.random.default_rng([seed, number]), chain.number_of_rotors - 1
         positions = random.uniform(0, last, (moves, 2))[: _QUICK_MOVES if quick else moves]
         for title, condition in conditions.items():
@@ -307,12 +304,6 @@ def _draw_run(
         report.add_points(series, f'to {task.goal:.3f}', ('time [s]', name), run.times, values)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command `moves` and return its exit status."""
-    parser = study_parser('moves', __doc__, 'fewer moves')
-    return run_study(parser, arguments, _run, 'no files were written')
-
-
 def _run(options: argparse.Namespace) -> str:
     tasks = read_moves(load_settings(options.config), options.quick)
     options.output.mkdir(parents=True, exist_ok=True)
@@ -323,5 +314,4 @@ def _run(options: argparse.Namespace) -> str:
     return f'{table}\ntable and picture are in {options.output}'
 
 
-if __name__ == '__main__':
-    sys.exit(main())
+main = study_command(_run, 'no files were written', 'moves', __doc__, 'fewer moves')

@@ -15,20 +15,10 @@ from matplotlib.ticker import MaxNLocator
 from soliton_linkage.linkage.chain import Array, Chain, displacement
 from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.solitons.track import Crossing, Track
+from soliton_linkage_studies import palette
 from soliton_linkage_studies.captions import description
 from soliton_linkage_studies.drawing import show_leans
 from soliton_linkage_studies.figure_report import save_caption, save_figure
-from soliton_linkage_studies.palette import (
-    BLACK,
-    BLUE,
-    GREEN,
-    MEASURED,
-    PALE,
-    RED,
-    SKY,
-    WHITE,
-    lean_ticks,
-)
 
 if TYPE_CHECKING:  # the demo does not compile the loops of the identification
     from soliton_linkage.identification.result import Identification
@@ -70,14 +60,17 @@ def kymograph(axes: Axes, chain: Chain, recording: Recording, track: Track) -> A
     leans = displacement(chain, recording.angles[::every]).T
     edges = (*_edges(recording.times), -0.5, chain.number_of_rotors - 0.5)
     image = show_leans(axes, chain, leans, edges)
-    border = [withStroke(linewidth=3.5, foreground=WHITE)]
+    border = [withStroke(linewidth=3.5, foreground=palette.WHITE)]
     for number, sites in enumerate((track.sites, *track.others)):
         label, shown = None if number else 'soliton', unbroken(sites)
-        axes.plot(track.times, shown, color=BLACK, label=label, path_effects=border)
+        axes.plot(track.times, shown, color=palette.BLACK, label=label, path_effects=border)
     axes.legend(loc='upper right')
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set(xlabel='time [s]', ylabel='rotor n [1]', title=description(chain))
-    marks, names = lean_ticks(chain), ('left, −r', 'at rest', 'upright', 'at rest', 'right, r')
+    marks, names = (
+        palette.lean_ticks(chain),
+        ('left, −r', 'at rest', 'upright', 'at rest', 'right, r'),
+    )
     words = [f'{mark:.3g}  {name}' for mark, name in zip(marks, names, strict=True)]
     bar = axes.figure.colorbar(image, ax=axes, ticks=marks)
     bar.ax.set_yticks(marks, words, fontsize=8)
@@ -96,7 +89,7 @@ def unbroken(sites: Array) -> Array:
 def track_positions(axes: Axes, chain: Chain, track: Track) -> Axes:
     """Draw the soliton position over time, with a band of +- 2 standard deviations."""
     sites = unbroken(track.sites)
-    axes.plot(track.times, sites, color=MEASURED, linewidth=0.8, label='measured')
+    axes.plot(track.times, sites, color=palette.MEASURED, linewidth=0.8, label='measured')
     _draw_band(axes, track.times, sites, track.site_deviations)
     axes.set(ylabel='position [rotor spacings]', ylim=(0, chain.number_of_rotors - 1))
     axes.set(xlabel='time [s]', title=description(chain))
@@ -105,13 +98,15 @@ def track_positions(axes: Axes, chain: Chain, track: Track) -> Axes:
 
 def track_velocities(axes: Axes, track: Track, crossings: tuple[Crossing, ...]) -> Axes:
     """Draw the soliton velocity with its standard deviation, and the mean of each crossing."""
-    axes.plot(track.times, track.site_rates, color=MEASURED, linewidth=0.8, label='measured')
+    axes.plot(
+        track.times, track.site_rates, color=palette.MEASURED, linewidth=0.8, label='measured'
+    )
     _draw_band(axes, track.times, track.site_rates, track.site_rate_deviations)
     for number, crossing in enumerate(crossings):
         ends, mean = [crossing.start, crossing.end], crossing.direction * crossing.site_rate
         label = None if number else 'mean of a crossing'
-        axes.plot(ends, [mean] * 2, '--', color=BLACK, linewidth=1, zorder=3, label=label)
-    axes.axhline(0, color=PALE, linewidth=0.8, zorder=0)
+        axes.plot(ends, [mean] * 2, '--', color=palette.BLACK, linewidth=1, zorder=3, label=label)
+    axes.axhline(0, color=palette.PALE, linewidth=0.8, zorder=0)
     axes.set(xlabel='time [s]', ylabel='velocity [rotor spacings/s]')
     axes.legend(loc='center', ncols=3, fontsize=8)
     if crossings:
@@ -128,8 +123,8 @@ def track_velocities(axes: Axes, track: Track, crossings: tuple[Crossing, ...]) 
 def track_deviations(axes: Axes, track: Track) -> Axes:
     """Draw the standard deviations of position and velocity over time."""
     for values, style, colour, label in (
-        (track.site_deviations, '-', MEASURED, 'position [rotor spacings]'),
-        (track.site_rate_deviations, ':', BLACK, 'velocity [rotor spacings/s]'),
+        (track.site_deviations, '-', palette.MEASURED, 'position [rotor spacings]'),
+        (track.site_rate_deviations, ':', palette.BLACK, 'velocity [rotor spacings/s]'),
     ):
         axes.semilogy(track.times, values, style, color=colour, label=label)
     axes.set(xlabel='time [s]', ylabel='standard deviation')
@@ -141,7 +136,7 @@ def _draw_band(axes: Axes, times: Array, middle: Array, deviations: Array) -> No
     if len(deviations):
         low, high = middle - 2 * deviations, middle + 2 * deviations
         label = '± 2 standard deviations'
-        axes.fill_between(times, low, high, color=SKY, alpha=0.5, linewidth=0, label=label)
+        axes.fill_between(times, low, high, color=palette.SKY, alpha=0.5, linewidth=0, label=label)
 
 
 def kymograph_figure(chain: Chain, recording: Recording, track: Track) -> Figure:
@@ -201,8 +196,10 @@ def report_page(found: Identification) -> Figure:
     lengths, offsets, bonds = figure.subplots(3, sharex=True, height_ratios=[3, 2, 2])
     _draw_lengths(lengths, found)
     rotors = np.arange(found.chain.number_of_rotors)
-    offsets.errorbar(rotors, found.offsets, found.offset_deviations, fmt='o', ms=3, color=BLUE)
-    offsets.axhline(0, color=PALE, linewidth=0.8, zorder=0)
+    offsets.errorbar(
+        rotors, found.offsets, found.offset_deviations, fmt='o', ms=3, color=palette.BLUE
+    )
+    offsets.axhline(0, color=palette.PALE, linewidth=0.8, zorder=0)
     offsets.set(ylabel='offset of the encoder [rad]')
     _draw_bonds(bonds, found)
     figure.suptitle(description(found.chain), fontsize=10)
@@ -220,24 +217,24 @@ def save_report(found: Identification, folder: Path) -> None:
 
 def _draw_lengths(axes: Axes, found: Identification) -> None:
     for name, label, colour, shift in (
-        ('rotor_length', 'rotor r', BLUE, 0.0),
-        ('spacing', 'pivot spacing a', GREEN, 0.4),
-        ('rest_length', 'spring or bar l', RED, 0.6),
+        ('rotor_length', 'rotor r', palette.BLUE, 0.0),
+        ('spacing', 'pivot spacing a', palette.GREEN, 0.4),
+        ('rest_length', 'spring or bar l', palette.RED, 0.6),
     ):
         fractions = np.array(getattr(found.chain.deviations, name))
         positions = np.arange(len(fractions)) + shift
         spreads = 100 * found.deviations[name] * (1 + fractions)
         look: Any = {'fmt': 'o', 'ms': 3, 'color': colour, 'label': label}
         axes.errorbar(positions, 100 * fractions, spreads, **look)
-    axes.axhline(0, color=PALE, linewidth=0.8, zorder=0)
+    axes.axhline(0, color=palette.PALE, linewidth=0.8, zorder=0)
     axes.set(ylabel='deviation from the mean [%]')
     axes.legend(ncols=3, fontsize=8)
 
 
 def _draw_bonds(axes: Axes, found: Identification) -> None:
     positions = np.arange(len(found.bond_noise)) + 0.5
-    axes.bar(positions, found.bond_noise, color=BLUE, width=0.7)
-    axes.axhline(found.reading_noise, color=BLACK, linewidth=0.8)
+    axes.bar(positions, found.bond_noise, color=palette.BLUE, width=0.7)
+    axes.axhline(found.reading_noise, color=palette.BLACK, linewidth=0.8)
     top = float(np.max(found.bond_noise))
     for bond in found.worst_bonds[:_WORST]:
         axes.text(bond + 0.5, found.bond_noise[bond] + 0.02 * top, f'{bond}', ha='center')

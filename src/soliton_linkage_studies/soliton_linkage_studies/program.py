@@ -13,7 +13,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from soliton_linkage.command_line import PlainParser, complete
 from soliton_linkage.progress import ProgressLine
@@ -93,6 +93,20 @@ def study_parser(
     if scheduler:
         where.add_argument('--scheduler', help='address of a Dask cluster, tcp://host:8786')
     return parser
+
+
+def study_command(
+    study: Callable[[argparse.Namespace], str], left: str, *parser: Any, **options: bool
+) -> Callable[[Sequence[str] | None], int]:
+    """Return the function `main` of a study, which returns the exit status.
+
+    `parser` and `options` are the arguments of `study_parser`; see `run_study` for the others.
+    """
+
+    def main(arguments: Sequence[str] | None = None) -> int:
+        return run_study(study_parser(*parser, **options), arguments, study, left)
+
+    return main
 
 
 def run_study(

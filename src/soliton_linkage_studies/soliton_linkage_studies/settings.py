@@ -48,9 +48,18 @@ class Section:
             raise self.error(key, 'must be a section; indent its keys beneath it')
         return _section(self.file, self._full(key), value)
 
-    def sections(self) -> dict[str, Section]:
-        """Return all values of this section by key; each must be a section."""
-        return {key: self.section(key) for key in self.values}
+    def sections(self, key: str) -> dict[str, Section]:
+        """Return all values in the section of a key, by their keys; each must be a section."""
+        found = self.section(key)
+        return {name: found.section(name) for name in found.values}
+
+    def chain(self, key: str = 'chain') -> Chain:
+        """Return the chain that the section at a key describes; see `chain_from`."""
+        return chain_from(self.section(key))
+
+    def chains(self) -> dict[str, Chain]:
+        """Return the chains in the section `chains` by name; see `chain_from`."""
+        return {name: chain_from(each) for name, each in self.sections('chains').items()}
 
     def number(
         self, key: str, minimum: float, maximum: float, default: float | None = None

@@ -24,7 +24,7 @@ from soliton_linkage_studies.captions import class_and_shape
 from soliton_linkage_studies.experiments import crossing_duration, first_passage, record_kick
 from soliton_linkage_studies.figure_report import Comparison, FigureReport, Formula, write_table
 from soliton_linkage_studies.palette import BLACK, MEASURED, PAPER
-from soliton_linkage_studies.settings import Section, chain_from
+from soliton_linkage_studies.settings import Section
 
 _CAPTION = """ Lorentz contraction of walls (paper, Figs. 5 and 6), measured by the analyser from
 {source} with encoder noise of {noise:g} rad. Each panel is a chain, named by its class and (r/a,
@@ -179,7 +179,7 @@ def read_contraction_study(section: Section, quick: bool) -> ContractionStudy:
     """Read the settings. Raises ValueError for invalid settings."""
     section.check_keys('chains', 'noise', 'frames', 'seed')
     frames = section.whole_number('frames', 50, 1_000_000)
-    chains = section.section('chains').sections()
+    chains = section.sections('chains')
     return ContractionStudy(
         walls=tuple(_walls(name, each, quick) for name, each in chains.items()),
         noise=section.number('noise', 0.0, 1.0),
@@ -200,7 +200,7 @@ def _walls(name: str, section: Section, quick: bool) -> Walls:
             raise known.error(key, f'must have one value per kick ({count}); add or remove values')
     pairs = zip(found['speeds'], found['widths'], strict=True)
     reference = dict(zip(known_kicks, pairs, strict=True))
-    chain = chain_from(section.section('chain'))
+    chain = section.chain()
     return Walls(name, chain, kicks[::_QUICK_EVERY] if quick else kicks, reference)
 
 

@@ -95,7 +95,7 @@ def read_frame_study(section: Section, quick: bool) -> FrameStudy:
         cold_every=section.whole_number('cold_every', 1, 1_000_000),
     )
     return FrameStudy(
-        chains=tuple(_chain_of(each) for each in section.section('chains').sections().values()),
+        chains=tuple(_chain_of(each) for each in section.sections('chains').values()),
         noises=section.numbers('noises', 1e-9, 1.0),
         trial=trial,
         seed=section.whole_number('seed', 0, 2**32),

@@ -10,7 +10,6 @@ cells, not on the number of processes or on interruptions.
 from __future__ import annotations
 
 import argparse
-import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -121,7 +120,3 @@ def _count(text: str) -> int:
     if not (text.isdecimal() and text.isascii() and int(text)):
         raise argparse.ArgumentTypeError(f'{text!r} must be a whole number above 0')
     return int(text)
-
-
-if __name__ == '__main__':
-    sys.exit(main())

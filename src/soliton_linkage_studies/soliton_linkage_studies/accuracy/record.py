@@ -27,7 +27,7 @@ from soliton_linkage_studies.accuracy.estimators import bound, orbit_of
 from soliton_linkage_studies.captions import class_and_shape
 from soliton_linkage_studies.figure_report import FigureReport, save_page
 from soliton_linkage_studies.palette import MEASURED, RED, THEORY
-from soliton_linkage_studies.settings import Section, chain_from
+from soliton_linkage_studies.settings import Section
 
 _CAPTION = """ Errors of the recursive estimator against the time since the first frame, for a wall
 at a constant velocity of {speed:g} rotor spacings/s, angle noise of {noise:g} rad and {rate:g}
@@ -164,7 +164,7 @@ def read_record_study(section: Section, quick: bool) -> RecordStudy:
     section.check_keys('chains', 'noise', 'speed', 'frame_rate', 'frames', 'runs', 'seed')
     runs = section.whole_number('runs', 2, 100_000)
     return RecordStudy(
-        chains=tuple(chain_from(each) for each in section.section('chains').sections().values()),
+        chains=tuple(section.chains().values()),
         noise=section.number('noise', 1e-9, 1.0),
         speed=section.number('speed', 1e-6, 1e6),
         frame_rate=section.number('frame_rate', 1e-3, 1e6),

@@ -20,7 +20,7 @@ from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage_studies.captions import class_and_shape
 from soliton_linkage_studies.figure_report import FigureReport, save_page
 from soliton_linkage_studies.palette import GREY, MARKERS, chain_colours
-from soliton_linkage_studies.settings import Section, chain_from
+from soliton_linkage_studies.settings import Section
 
 _CAPTION = """ Chains of rigid bars that swing in tilted gravity, for up to {steps:,} solver steps.
 Each class of chain has a colour and a marker. (a) Largest relative error of a bar length. (b)
@@ -102,7 +102,7 @@ def read_rigid_steps(section: Section, quick: bool) -> RigidSteps:
     section.check_keys('chains', 'steps', 'speed', 'acceleration', 'tilt')
     steps = section.whole_number('steps', 100, 100_000_000)
     acceleration = section.number('acceleration', 0.0, 1e3)
-    chains = tuple(chain_from(each) for each in section.section('chains').sections().values())
+    chains = tuple(section.chains().values())
     return RigidSteps(
         chains=chains[:1] if quick else chains,
         steps=min(steps, _QUICK_STEPS) if quick else steps,

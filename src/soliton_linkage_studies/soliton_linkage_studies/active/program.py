@@ -5,8 +5,7 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +15,7 @@ from matplotlib.figure import Figure
 
 from soliton_linkage.dynamics.initial_states import with_pair
 from soliton_linkage.linkage.chain import Array, Chain, displacement
+from soliton_linkage_studies import palette
 from soliton_linkage_studies.active.runs import (
     ActiveRun,
     ActiveTask,
@@ -31,18 +31,8 @@ from soliton_linkage_studies.active.runs import (
 )
 from soliton_linkage_studies.drawing import lean_norm
 from soliton_linkage_studies.figure_report import FigureReport, save_page
-from soliton_linkage_studies.palette import (
-    BLACK,
-    BLUE,
-    COLOURS,
-    DARK,
-    GREEN,
-    LEAN_COLOURS,
-    RED,
-    SKY,
-)
-from soliton_linkage_studies.program import run_parallel, run_study, study_parser
-from soliton_linkage_studies.settings import Section, chain_from, load_settings
+from soliton_linkage_studies.program import run_parallel, study_command
+from soliton_linkage_studies.settings import Section, load_settings
 
 _CAPTION = """
 Walls in chains whose motors put a torque κ (q_n − q_(n+1)) on both rotors of each bond.
@@ -75,10 +65,10 @@ _TITLES = {
     'f': 'f  Kink that starts against the motors',
 }
 _OUTCOME_MARKS = {
-    'runs': ('o', SKY),
-    'is pinned': ('x', DARK),
-    'breaks up': ('^', RED),
-    'vanishes': ('s', BLACK),
+    'runs': ('o', palette.SKY),
+    'is pinned': ('x', palette.DARK),
+    'breaks up': ('^', palette.RED),
+    'vanishes': ('s', palette.BLACK),
 }
 _RATIO = 'κ / c [1/s]'
 _VELOCITY = 'velocity [rotors/s]'
@@ -108,14 +98,11 @@ class ActiveStudy:
     def read(settings: Section, quick: bool) -> ActiveStudy:
         """Read the settings. Raises ValueError if they are invalid."""
         settings.check_keys('chains', 'ratios', 'decay', 'diagram', 'pair_ratio')
-        chains = {
-            name: chain_from(one) for name, one in settings.section('chains').sections().items()
-        }
         diagram = settings.section('diagram')
         diagram.check_keys('ratios', 'decays')
         every = 3 if quick else 1
         return ActiveStudy(
-            chains,
+            settings.chains(),
             settings.numbers('ratios', 0.01, 1e3)[::every],
             settings.number('decay', 1e-3, 1e3),
             diagram.numbers('ratios', 0.01, 1e3)[::every],
@@ -195,7 +182,7 @@ def page(
     _draw_diagram(report, panels['d'], study, drives, tasks, runs)
     _draw_power(report, panels['e'], drives[first, 1], tasks['e',], runs['e',])
     run = runs['f',]
-    panels['f'].plot(run.recording.times, run.sites, color=BLUE)
+    panels['f'].plot(run.recording.times, run.sites, color=palette.BLUE)
     report.add_points('f', 'kink', (_TIME, _SITE), run.recording.times, run.sites)
     panels['f'].set(xlabel=_TIME, ylabel=_SITE)
     largest = max(each.imbalance for key, each in runs.items() if key[0] != 'd')
@@ -217,7 +204,7 @@ def _draw_velocities(
     names = list(dict.fromkeys(name for name, _ in drives))
     for (name, charge), drive in drives.items():
         kind = 'kink' if charge > 0 else 'anti-kink'
-        colour = COLOURS[names.index(name)]
+        colour = palette.COLOURS[names.index(name)]
         keys = [key for key in tasks if key[:3] == ('a', name, charge)]
         ratios = np.array([key[3] for key in keys])
         measured = np.array([terminal_velocity(tasks[key], runs[key]) for key in keys])
@@ -267,7 +254,7 @@ def _compare_track(
     line = sites.mean() + velocity * (times - times.mean())
     panel, charge = where
     kind, names = 'kink' if charge > 0 else 'anti-kink', (_TIME, _SITE)
-    axes.plot(times, line, '--', color=GREEN, linewidth=2, zorder=3)
+    axes.plot(times, line, '--', color=palette.GREEN, linewidth=2, zorder=3)
     report.add_points(panel, f'{kind}: theory', names, times, line)
     report.add_comparison(
         f'{_VELOCITY}, {kind} of panel {panel}',
@@ -285,11 +272,11 @@ def _draw_pair(report: FigureReport, panel: str, axes: Axes, chain: Chain, run: 
         origin='lower',
         aspect='auto',
         interpolation='nearest',
-        cmap=LEAN_COLOURS,
+        cmap=palette.LEAN_COLOURS,
         norm=lean_norm(chain),
         extent=(0.0, float(times[-1]), -0.5, chain.number_of_rotors - 0.5),
     )
-    axes.plot(times, run.sites, color=BLACK, linewidth=0.8)
+    axes.plot(times, run.sites, color=palette.BLACK, linewidth=0.8)
     report.add_points(panel, 'kink', (_TIME, _SITE), times, run.sites)
     axes.set(xlabel=_TIME, ylabel='rotor n [1]')
 
@@ -314,8 +301,8 @@ def _draw_diagram(
     first, chain = next(iter(study.chains.items()))
     decays = np.geomspace(min(study.diagram_decays), max(study.diagram_decays), 50)
     pinned = drives[first, -1].pinning / (decays * chain.moment_of_inertia)
-    axes.plot(pinned, decays, color=BLACK, linewidth=1)
-    axes.axvline(stability_limit(chain), color=BLACK, linestyle='--', linewidth=1)
+    axes.plot(pinned, decays, color=palette.BLACK, linewidth=1)
+    axes.axvline(stability_limit(chain), color=palette.BLACK, linestyle='--', linewidth=1)
     axes.set(xscale='log', yscale='log', xlabel=_RATIO, ylabel='decay rate c / (M r²) [1/s]')
     spread = 1.3
     axes.set_xlim(min(study.diagram_ratios) / spread, spread * max(study.diagram_ratios))
@@ -331,14 +318,14 @@ def _draw_power(
     chain, times = task.chain, run.recording.times
     end = len(times) * 3 // 4
     powers: list[tuple[str, str, Array]] = [
-        ('motors', BLUE, run.injected),
-        ('damping', RED, run.dissipated),
+        ('motors', palette.BLUE, run.injected),
+        ('damping', palette.RED, run.dissipated),
     ]
     for name, colour, power in powers:
         axes.plot(times, 1e3 * power, color=colour, label=name)
         report.add_points('e', name, (_TIME, 'power [W]'), times, power)
     expected = chain.damping * drive.velocity(chain) ** 2 * drive.squares
-    axes.axhline(1e3 * expected, color=GREEN, linestyle='--', linewidth=1)
+    axes.axhline(1e3 * expected, color=palette.GREEN, linestyle='--', linewidth=1)
     axes.set(xlabel=_TIME, ylabel='power [mW]')
     axes.legend(fontsize='x-small')
     report.add_comparison(
@@ -353,12 +340,6 @@ def _draw_power(
     )
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command `active` and return its exit status."""
-    parser = study_parser('active', __doc__, 'fewer runs')
-    return run_study(parser, arguments, _active, 'no new files are written')
-
-
 def _active(options: argparse.Namespace) -> str:
     study = ActiveStudy.read(load_settings(options.config), options.quick)
     options.output.mkdir(parents=True, exist_ok=True)
@@ -368,5 +349,4 @@ def _active(options: argparse.Namespace) -> str:
     return save_page(page(study, drives, tasks, runs), options.output, 'active')
 
 
-if __name__ == '__main__':
-    sys.exit(main())
+main = study_command(_active, 'no new files are written', 'active', __doc__, 'fewer runs')

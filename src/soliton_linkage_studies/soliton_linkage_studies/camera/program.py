@@ -7,7 +7,6 @@ Write a table as Markdown. After an interruption, the same command continues wit
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -18,8 +17,8 @@ from soliton_linkage import vision
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage_studies.camera.renderer import FilmSettings
 from soliton_linkage_studies.camera.runs import FIGURES, FilmedTask
-from soliton_linkage_studies.program import run_study, study_parser
-from soliton_linkage_studies.settings import Section, chain_from, load_settings
+from soliton_linkage_studies.program import study_command
+from soliton_linkage_studies.settings import Section, load_settings
 from soliton_linkage_studies.sweep.table import RESUMES, fill_table, fingerprint, markdown_table
 
 _QUICK_FRAMES = 120
@@ -77,14 +76,14 @@ def read_film_study(settings: Section, quick: bool) -> FilmStudy:
     of_clip = min(clip, _QUICK_FRAMES) if quick else clip
     kicks = settings.section('kicks')
     films = {}
-    for title, film in settings.section('films').sections().items():
+    for title, film in settings.sections('films').items():
         film.check_keys('noise', 'quality', 'h264')
         light = FilmSettings(
             noise=film.number('noise', 0.0, 50.0), quality=film.whole_number('quality', 0, 100)
         )
-        for name, section in settings.section('chains').sections().items():
+        for name, chain in settings.chains().items():
             kick, h264 = kicks.number(name, 1e-6, 10.0), film.whole_number('h264', 0, 51)
-            films[f'{name}, {title}'] = FilmedTask(chain_from(section), kick, of_clip, light, h264)
+            films[f'{name}, {title}'] = FilmedTask(chain, kick, of_clip, light, h264)
     return FilmStudy(films, clips, 'films_quick' if quick else 'films')
 
 
@@ -116,12 +115,6 @@ def _row(figures: Mapping[str, Array]) -> list[str]:
     ]
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Render and measure the films of a settings file; return 1 on failure, 130 on Ctrl-C."""
-    parser = study_parser('camera', __doc__, 'one clip of two seconds per film')
-    return run_study(parser, arguments, _made, RESUMES)
-
-
 def _made(options: argparse.Namespace) -> str:
     study = read_film_study(load_settings(options.config), options.quick)
     _, rows = fill_table(study, options.output, options.workers)
@@ -130,5 +123,4 @@ def _made(options: argparse.Namespace) -> str:
     return f'{text}\nthe table is in {options.output}'
 
 
-if __name__ == '__main__':
-    sys.exit(main())
+main = study_command(_made, RESUMES, 'camera', __doc__, 'one clip of two seconds per film')

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -19,6 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from soliton_linkage.linkage.chain import Array, Motion
+from soliton_linkage_studies import palette
 from soliton_linkage_studies.captions import parameters
 from soliton_linkage_studies.collisions.runs import (
     INITIAL_DISTANCE,
@@ -38,17 +38,7 @@ from soliton_linkage_studies.collisions.study import (
 )
 from soliton_linkage_studies.drawing import LEGEND_ABOVE, PIXELS
 from soliton_linkage_studies.figure_report import FigureReport
-from soliton_linkage_studies.palette import (
-    BLACK,
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    PURPLE,
-    RED,
-    SKY,
-)
-from soliton_linkage_studies.program import run_study, study_parser
+from soliton_linkage_studies.program import study_command
 from soliton_linkage_studies.settings import load_settings
 from soliton_linkage_studies.sweep.table import RESUMES, fill_table
 
@@ -71,7 +61,7 @@ changed setting per row. The colour of each tick is the outcome; white marks a c
 which the walls separate after one collision, against d = 2 r sin θ̄ / a for two rotor lengths r.
 Dashed line: critical speed of phi⁴ theory, {phi4:g} c, the limit of small d.
 """
-_OUTCOME_COLOURS = (PURPLE, BLUE, ORANGE, GREEN, BLACK)
+_OUTCOME_COLOURS = (palette.PURPLE, palette.BLUE, palette.ORANGE, palette.GREEN, palette.BLACK)
 """Colours of collisions with 0, 1, 2, 3, and 4 or more overlaps."""
 _NAMES = ('never overlapped', '1 collision', '2 collisions', '3 collisions', 'more collisions')
 _COLUMNS = 4
@@ -134,14 +124,14 @@ def _draw_speeds(report: FigureReport, axes: Axes, name: str, rows: Sequence[Row
     speeds = np.array([row.speed for row in rows])
     bottom = axes.get_xaxis_transform()
     ends = [speeds.min(), speeds.max()]
-    axes.plot(ends, ends, '--', color=GREY, linewidth=0.9, zorder=1)
+    axes.plot(ends, ends, '--', color=palette.GREY, linewidth=0.9, zorder=1)
     for outcome, label in [*enumerate(_NAMES), (None, 'captured'), (-1, 'anti-kink broken')]:
         chosen = [row for row in rows if row.run and _outcome(row) == outcome]
         if not chosen:
             continue
         before = np.array([row.speed for row in chosen])
         if outcome is None or outcome < 0:
-            colour, after = GREY if outcome is None else RED, np.zeros_like(before)
+            colour, after = palette.GREY if outcome is None else palette.RED, np.zeros_like(before)
             axes.vlines(before, 0.0, 0.04, color=colour, linewidth=0.6, transform=bottom)
         else:
             colour = _OUTCOME_COLOURS[outcome]
@@ -163,12 +153,16 @@ def _draw_strips(report: FigureReport, axes: Axes, series: dict[str, list[Row]])
 
 
 def _draw_critical(report: FigureReport, axes: Axes, series: dict[str, list[Row]]) -> None:
-    for (name, rows), colour in zip(series.items(), (BLUE, GREEN, SKY), strict=False):
+    for (name, rows), colour in zip(
+        series.items(), (palette.BLUE, palette.GREEN, palette.SKY), strict=False
+    ):
         found = [(float(row.name), row.speed) for row in rows if row.run]
         leans, speeds = np.array(found).reshape(-1, 2).T
         look, names = {'color': colour, 'markersize': 4, 'label': name}, ('d [1]', CRITICAL_SPEED)
         report.plot(axes, ('c', name), names, leans, speeds, 'o-', **look)
-    axes.axhline(PHI4_SPEED, color=BLACK, linestyle='--', linewidth=0.9, label='phi⁴ theory')
+    axes.axhline(
+        PHI4_SPEED, color=palette.BLACK, linestyle='--', linewidth=0.9, label='phi⁴ theory'
+    )
     axes.set(xlabel='d = 2 r sin θ̄ / a [1]', ylabel=CRITICAL_SPEED)
     axes.set(xlim=(0, None), ylim=(0, None))
     axes.legend(frameon=False)
@@ -184,12 +178,12 @@ def _outcome(row: Row) -> int | None:
 
 def _handles(whole: bool) -> list[Line2D]:
     dots = [(name, colour, 'o', 5) for name, colour in zip(_NAMES, _OUTCOME_COLOURS, strict=True)]
-    ticks = [('captured', GREY, '|', 9), ('anti-kink broken', RED, '|', 9)]
+    ticks = [('captured', palette.GREY, '|', 9), ('anti-kink broken', palette.RED, '|', 9)]
     handles = [
         Line2D([], [], color=colour, marker=marker, linestyle='', markersize=size, label=name)
         for name, colour, marker, size in ([*dots, *ticks] if whole else [*dots[1:], ticks[0]])
     ]
-    return [*handles, Line2D([], [], color=GREY, linestyle='--', label='v′ = v')]
+    return [*handles, Line2D([], [], color=palette.GREY, linestyle='--', label='v′ = v')]
 
 
 _CAPTION = """
@@ -268,12 +262,6 @@ def _label_turns(axes: Axes, collision: Collision, times: Array, angles: Array) 
         axes.annotate(_TURNS.get(halves, f'{halves}/2'), position, ha='center', va='center')
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command `collisions` and return its exit status."""
-    parser = study_parser('collisions', __doc__, 'few speeds')
-    return run_study(parser, arguments, _collided, RESUMES)
-
-
 def _collided(options: argparse.Namespace) -> str:
     study = read_collision_study(load_settings(options.config), options.quick)
     folder = options.output / ('quick' if options.quick else 'runs')
@@ -289,5 +277,4 @@ def _collided(options: argparse.Namespace) -> str:
     return f'{table}\ntables and pictures are in {options.output}{remark}'
 
 
-if __name__ == '__main__':
-    sys.exit(main())
+main = study_command(_collided, RESUMES, 'collisions', __doc__, 'few speeds')

@@ -180,7 +180,7 @@ def read_collision_study(settings: Section, quick: bool) -> CollisionStudy:
 
 
 def _named(settings: Section, key: str) -> dict[str, Section]:
-    found = settings.section(key).sections()
+    found = settings.sections(key)
     if not found:
         raise settings.error(key, 'is empty; give one or more named sections')
     return found
@@ -193,7 +193,7 @@ def _variations(section: Section, common: Section, quick: bool) -> list[Entry]:
         change.check_keys(*_SETTINGS, 'integrator')
         collision = _collision(section, common, change)
         entries += [Entry('variations', name, replace(collision, speed=speed)) for speed in speeds]
-        edges = {} if quick else section.section('edges').sections()
+        edges = {} if quick else section.sections('edges')
         for title, edge in edges.items():
             task = _edge(edge, collision, edge.whole_number('collisions', 1, 100), _HALVINGS)
             entries.append(Entry('variations', name, task, title))

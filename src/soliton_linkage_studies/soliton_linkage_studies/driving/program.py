@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -16,6 +15,7 @@ from matplotlib.lines import Line2D
 from soliton_linkage.actuation.actuators import PneumaticActuator
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.steering.steering import Outcome
+from soliton_linkage_studies import palette
 from soliton_linkage_studies.driving.runs import (
     BalancedRun,
     DrivingStudy,
@@ -27,15 +27,7 @@ from soliton_linkage_studies.figure_report import FigureReport
 from soliton_linkage_studies.figures.actuator import DrivenChain, draw_response, stepped_response
 from soliton_linkage_studies.figures.rigid_limit import convergence_order, draw_convergence
 from soliton_linkage_studies.moves import MoveKey, MoveRun, move_table
-from soliton_linkage_studies.palette import (
-    BLACK,
-    COLOURS,
-    GREY,
-    MECHANICS_COLOURS,
-    PALE,
-    chain_colours,
-)
-from soliton_linkage_studies.program import run_parallel, run_study, study_parser
+from soliton_linkage_studies.program import run_parallel, study_command
 from soliton_linkage_studies.settings import load_settings
 from soliton_linkage_studies.sweep.table import markdown_table
 
@@ -93,24 +85,26 @@ def entitle(panels: Mapping[str, Axes]) -> None:
 def draw_balance(report: FigureReport, axes: Axes, runs: Mapping[str, BalancedRun]) -> None:
     """Draw the energy imbalance over time for springs and bars, and marks for all events."""
     for mechanics, run in runs.items():
-        colour = MECHANICS_COLOURS[mechanics]
+        colour = palette.MECHANICS_COLOURS[mechanics]
         shown = np.maximum(run.imbalances, _LEAST)
         axes.semilogy(run.times, shown, '.', color=colour, markersize=3, label=mechanics)
         report.add_points('b', mechanics, (_TIME, 'imbalance [1]'), run.times, run.imbalances)
     run = next(iter(runs.values()))
     for marker, instants, label in (('v', run.kicks, 'kick'), ('s', run.turns, 'gravity turns')):
         positions = np.full(len(instants), 4 * IMBALANCE_LIMIT)
-        axes.plot(instants, positions, marker, color=GREY, markersize=4, label=label)
+        axes.plot(instants, positions, marker, color=palette.GREY, markersize=4, label=label)
     axes.fill_between(
         run.times,
         2 * IMBALANCE_LIMIT,
         8 * IMBALANCE_LIMIT,
         where=run.pushed.tolist(),
-        color=PALE,
+        color=palette.PALE,
         zorder=0,
         label='torques',
     )
-    axes.axhline(IMBALANCE_LIMIT, color=BLACK, linestyle='--', linewidth=0.8, label='limit')
+    axes.axhline(
+        IMBALANCE_LIMIT, color=palette.BLACK, linestyle='--', linewidth=0.8, label='limit'
+    )
     axes.set(xlabel=_TIME, ylabel='|imbalance| / largest energy [1]', ylim=(1e-20, 2e-8))
     axes.legend(ncols=3, loc='lower center', columnspacing=1.0, handlelength=1.2)
 
@@ -137,13 +131,13 @@ def draw_tilt(
 ) -> None:
     """Draw the tilt over time in the panel `above`, and the wall positions in the panel `axes`."""
     for mechanics, run in runs.items():
-        colour = MECHANICS_COLOURS[mechanics]
+        colour = palette.MECHANICS_COLOURS[mechanics]
         axes.plot(run.times, run.positions, color=colour, linewidth=1.2, label=mechanics)
         report.add_points(
             'd', mechanics, (_TIME, 'position [rotor spacings]'), run.times, run.positions
         )
     run = next(iter(runs.values()))
-    above.step(run.times, run.tilts, where='post', color=BLACK)
+    above.step(run.times, run.tilts, where='post', color=palette.BLACK)
     report.add_points('d', 'tilt', (_TIME, 'tilt [rad]'), run.times, run.tilts)
     above.sharex(axes)
     above.tick_params(labelbottom=False)
@@ -156,7 +150,7 @@ def draw_moves(
     report: FigureReport, axes: Axes, chains: Mapping[str, Chain], runs: Mapping[MoveKey, MoveRun]
 ) -> None:
     """Draw the position and the reference trajectory of each wall over time."""
-    colours = dict(zip(chains, chain_colours(list(chains.values())), strict=True))
+    colours = dict(zip(chains, palette.chain_colours(list(chains.values())), strict=True))
     styles = dict(zip(dict.fromkeys(title for _, title in runs), ('--', ':', '-.'), strict=False))
     for (name, title), run in runs.items():
         colour = colours[name]
@@ -170,7 +164,7 @@ def draw_moves(
             report.add_points('e', f'{name}, {title}: {series}', names, run.times, values)
     handles = [
         *(Line2D([], [], color=colour, linewidth=4, alpha=0.35) for colour in colours.values()),
-        *(axes.plot([], [], style, color=BLACK)[0] for style in styles.values()),
+        *(axes.plot([], [], style, color=palette.BLACK)[0] for style in styles.values()),
     ]
     axes.legend(handles, [*chains, *styles], ncols=2, loc='upper center')
     axes.set(xlabel='time since the goal was sent [s]', ylabel='wall [rotor spacings]')
@@ -180,7 +174,7 @@ def draw_moves(
 
 def draw_work(report: FigureReport, axes: Axes, runs: Mapping[str, DrivenChain]) -> None:
     """Draw the energy that a chain gains and the work of the torques, for each actuator."""
-    for colour, (actuator, run) in zip(COLOURS, runs.items(), strict=False):
+    for colour, (actuator, run) in zip(palette.COLOURS, runs.items(), strict=False):
         for series, values, style, width, alpha in (
             ('energy gained', run.energies, '-', 4.0, 0.35),
             ('work of the torques', run.works, '--', 1.2, 1.0),
@@ -288,12 +282,6 @@ def _work_findings(results: Results) -> list[Finding]:
     ]
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command `driving` and return its exit status."""
-    parser = study_parser('driving', __doc__, 'fewer runs')
-    return run_study(parser, arguments, _driven, 'no new files are written')
-
-
 def _driven(options: argparse.Namespace) -> str:
     study = read_driving_study(load_settings(options.config), options.quick)
     options.output.mkdir(parents=True, exist_ok=True)
@@ -305,5 +293,4 @@ def _driven(options: argparse.Namespace) -> str:
     return f'{table}\npage and table are in {options.output}'
 
 
-if __name__ == '__main__':
-    sys.exit(main())
+main = study_command(_driven, 'no new files are written', 'driving', __doc__, 'fewer runs')

@@ -33,7 +33,7 @@ from soliton_linkage_studies.moves import (
     read_moves,
     runs_by_key,
 )
-from soliton_linkage_studies.settings import Section, chain_from
+from soliton_linkage_studies.settings import Section
 
 _KEYS = ('step', 'work', 'energy_balance', 'stiffness', 'tilt', 'moves')
 _WORK_PERIOD = 0.002
@@ -144,7 +144,7 @@ def _works(section: Section) -> dict[str, WorkTask]:
         'below saturation': actuator,
         'saturated': replace(actuator, saturation_torque=largest),
     }
-    chain = chain_from(section.section('chain'))
+    chain = section.chain()
     return {name: WorkTask(chain, each, order) for name, each in actuators.items()}
 
 
@@ -221,7 +221,7 @@ class BalanceTask:
     def read(section: Section, mechanics: str) -> BalanceTask:
         """Read the settings; draw random deviations of the chain."""
         section.check_keys(*_BALANCE_KEYS)
-        bare = chain_from(section.section('chain'))
+        bare = section.chain()
         share = section.number('disorder', 0.0, 0.3)
         seed = section.whole_number('seed', 0, 2**31)
         shares = dict.fromkeys(DISORDERED, share)
@@ -282,7 +282,7 @@ class StiffnessTask:
     def read(section: Section, quick: bool) -> list[StiffnessTask]:
         """Return one task per stiffness in the settings, in ascending order of stiffness."""
         section.check_keys('chain', 'kick', 'duration', 'factors')
-        chain = chain_from(section.section('chain'))
+        chain = section.chain()
         kick = section.number('kick', 1e-6, 100.0)
         rates = tuple(kick_rates(chain, chain.uniform_state(1), kick).tolist())
         duration = section.number('duration', 1e-6, 1e6)
@@ -341,7 +341,7 @@ class TiltTask:
         """Read the settings."""
         section.check_keys('chain', 'gravity', 'tilts', 'kept')
         return TiltTask(
-            chain_from(section.section('chain')),
+            section.chain(),
             mechanics,
             section.number('gravity', 0.0, 1e3),
             section.numbers('tilts', -3.2, 3.2),

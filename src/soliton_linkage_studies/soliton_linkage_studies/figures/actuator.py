@@ -22,7 +22,7 @@ from soliton_linkage_studies.figure_report import FigureReport
 from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.palette import BLACK, BLUE, GREY, RED
 from soliton_linkage_studies.pneumatic_fit import StepResponse, fit_step_response
-from soliton_linkage_studies.settings import Section, chain_from
+from soliton_linkage_studies.settings import Section
 
 _TOLERANCE = 1e-12
 """Largest integration error of an angle per time unit [rad]; work and energy agree to 1e-9."""
@@ -141,7 +141,7 @@ def actuator_figure(section: Section, quick: bool) -> FigureReport:
     noise, rate = section.number('noise', 0.0, 1e5), section.number('rate', 10.0, 1e4)
     _draw_fit(report, middle, actuator, order, noise, rate)
     period = (4 if quick else 1) / _FRAMES_A_SECOND
-    chain = chain_from(section.section('chain'))
+    chain = section.chain()
     _draw_work(report, below, driven_chain(chain, actuator, order, period))
     return report
 

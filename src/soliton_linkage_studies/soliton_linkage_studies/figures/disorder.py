@@ -17,7 +17,7 @@ from soliton_linkage_studies.figure_report import FigureReport
 from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.measures import OUTCOMES, SweepTrial, measure_survival
 from soliton_linkage_studies.palette import MARKERS, chain_colours
-from soliton_linkage_studies.settings import Section, chain_from
+from soliton_linkage_studies.settings import Section
 
 
 def score_interval(share: Array, count: int, deviations: float = 1.0) -> tuple[Array, Array]:
@@ -65,8 +65,8 @@ def disorder_figure(section: Section, quick: bool) -> FigureReport:
     report = FigureReport(figure, _CAPTION.format(count=count))
     panels = figure.subplots(1, 2, sharey=True)
     rigid: list[tuple[Array, Array]] = []
-    studied = section.section('chains').sections()
-    chains = [chain_from(each.section('chain')) for each in studied.values()]
+    studied = section.sections('chains')
+    chains = [each.chain() for each in studied.values()]
     looks = zip(studied.items(), chains, chain_colours(chains), MARKERS, strict=False)
     for number, ((name, each), chain, colour, marker) in enumerate(looks):
         each.check_keys('chain', 'kick')

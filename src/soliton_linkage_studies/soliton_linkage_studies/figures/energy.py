@@ -19,7 +19,7 @@ from soliton_linkage_studies.experiments import first_passage, record_moving_wal
 from soliton_linkage_studies.figure_report import FigureReport, Formula, chain_formula
 from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.palette import BLACK, MARKERS, MEASURED, THEORY, WHITE, chain_colours
-from soliton_linkage_studies.settings import Section, chain_from
+from soliton_linkage_studies.settings import Section
 
 _ANTI_KINKS = """
 Energy of an anti-kink at rest in a ring of springs against d = 2 r sin θ̄ / a. An anti-kink has
@@ -109,8 +109,8 @@ def energy_figure(section: Section, quick: bool) -> FigureReport:
     report = FigureReport(Figure(figsize=(13, 4.8), layout='constrained'), _CAPTION)
     panels = report.figure.subplots(1, 3)
     theories = []
-    studied = section.section('chains').sections()
-    chains = [chain_from(each.section('chain')) for each in studied.values()]
+    studied = section.sections('chains')
+    chains = [each.chain() for each in studied.values()]
     for (name, each), chain, colour, marker in zip(
         studied.items(), chains, chain_colours(chains), MARKERS, strict=False
     ):

@@ -19,7 +19,7 @@ from soliton_linkage_studies.drawing import ChainPicture, add_legend, expand_lim
 from soliton_linkage_studies.figure_report import FigureReport, chain_formula
 from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.palette import GREY, MARKERS, chain_colours
-from soliton_linkage_studies.settings import Section, chain_from
+from soliton_linkage_studies.settings import Section
 
 _CAPTION = f"""
 The chain as a mechanical insulator (paper, Fig. 1). {LINKAGE}
@@ -49,8 +49,8 @@ _LONG = 400
 def figure_1(section: Section, quick: bool) -> FigureReport:
     """Draw a uniform chain, the decay of its zero mode, a wall, and phonons (paper, Fig. 1)."""
     section.check_keys('chain', 'chains')
-    chain = chain_from(section.section('chain'))
-    others = [chain_from(each) for each in section.section('chains').sections().values()]
+    chain = section.chain()
+    others = list(section.chains().values())
     figure = Figure(figsize=(10, 9.5), layout='constrained')
     grid = figure.add_gridspec(4, 2, height_ratios=[1, 1, 1.2, 2.4])
     top = [figure.add_subplot(grid[row, :]) for row in range(3)]

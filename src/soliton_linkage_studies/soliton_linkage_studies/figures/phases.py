@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from soliton_linkage.linear.bands import couplings
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
+from soliton_linkage_studies import palette
 from soliton_linkage_studies.drawing import (
     ChainPicture,
     draw_torus,
@@ -23,16 +24,7 @@ from soliton_linkage_studies.drawing import (
 )
 from soliton_linkage_studies.figure_report import FigureReport, chain_formula
 from soliton_linkage_studies.figures import FIGURES
-from soliton_linkage_studies.palette import (
-    BLACK,
-    CURVE_COLOURS,
-    GREY,
-    LEANS_LEFT,
-    LEANS_RIGHT,
-    MOTION_COLOURS,
-    tint,
-)
-from soliton_linkage_studies.settings import Section, chain_from
+from soliton_linkage_studies.settings import Section
 from soliton_linkage_studies.unit_cell import (
     component_of,
     configuration_curves,
@@ -81,7 +73,7 @@ of a flipper bounds a disc; the two components of a spinner are linked.
 def figure_4(section: Section, quick: bool) -> FigureReport:
     """Draw the phase diagram, and states, curves and torus of one unit cell per phase."""
     section.check_keys('chains', 'points')
-    chains = [chain_from(each) for each in section.section('chains').sections().values()]
+    chains = list(section.chains().values())
     points = section.whole_number('points', 100, 100_000)
     report = FigureReport(Figure(figsize=(11, 14), layout='constrained'), _CAPTION)
     grid = report.figure.add_gridspec(4, 1, height_ratios=[1.0, 0.55, 0.95, 0.8])
@@ -106,19 +98,19 @@ def _draw_diagram(report: FigureReport, axes: Axes, chains: list[Chain], points:
     limits = flipper_limit(rest_angles), spinner_limit(rest_angles)
     borders = np.clip([np.zeros(points), *limits, np.full(points, np.inf)], low, high)
     for (motion, position), (left, right) in zip(_REGIONS.items(), pairwise(borders), strict=True):
-        colour = tint(MOTION_COLOURS[motion], _TINT)
+        colour = palette.tint(palette.MOTION_COLOURS[motion], _TINT)
         axes.fill_betweenx(rest_angles, left, right, color=colour, linewidth=0)
         axes.text(*position, f'{motion.value}s', ha='center', va='center', fontsize=13)
     names, labels = ('r/a [1]', 'theta_bar [rad]'), ('$d = 1$', r'$d = d_c = 2 / \sin\bar\theta$')
     for series, ratios, style, label in zip(
         ('d = 1', 'd = d_c'), limits, ('-', '--'), labels, strict=True
     ):
-        look = {'color': BLACK, 'label': label}
+        look = {'color': palette.BLACK, 'label': label}
         report.plot(axes, ('a', series), names, ratios, rest_angles, style, **look)
     for chain in chains:
         position = chain.rotor_length / chain.spacing, chain.rest_angle
-        axes.plot(*position, 'o', color=BLACK)
-    axes.plot([], [], 'o', color=BLACK, label='cells of b, c and d')
+        axes.plot(*position, 'o', color=palette.BLACK)
+    axes.plot([], [], 'o', color=palette.BLACK, label='cells of b, c and d')
     axes.set(xscale='log', xlim=(low, high), ylim=(0.02, math.pi / 2 - 0.02))
     axes.set(xlabel='length of the rotors r / a [1]', ylabel='rest angle θ̄ [rad]')
     axes.set_title('a  phases of motion', loc='left')
@@ -136,7 +128,7 @@ def _draw_cells(axes: Axes, chain: Chain, letter: str) -> None:
             bars.set_segments([np.asarray(segment) + aside for segment in bars.get_segments()])
         picture.pivots.set_data(*(pivot_points(cell) + aside).T)
         picture.masses.set_data(*(mass_points(cell, staggered(state)) + aside).T)
-        picture.masses.set_color(LEANS_LEFT if number % 2 else LEANS_RIGHT)
+        picture.masses.set_color(palette.LEANS_LEFT if number % 2 else palette.LEANS_RIGHT)
     high = chain.rotor_length * math.cos(chain.rest_angle) + 0.4 * chain.spacing
     half = max(0.85 * across, _SHAPE * (down / 2 + high))
     middle = (across + chain.spacing) / 2
@@ -164,9 +156,9 @@ def _draw_curves(
 def _draw_solid_torus(axes: Axes3D, curves: tuple[Array, ...], letter: str) -> None:
     around, across = np.meshgrid(np.linspace(0, 2 * np.pi, 60), np.linspace(0, 2 * np.pi, 30))
     axes.computed_zorder = False
-    look = {'color': GREY, 'alpha': 0.12, 'linewidth': 0}
+    look = {'color': palette.GREY, 'alpha': 0.12, 'linewidth': 0}
     axes.plot_surface(*on_torus(around, across), rasterized=True, **look)
-    for curve, colour in zip(curves, CURVE_COLOURS, strict=False):
+    for curve, colour in zip(curves, palette.CURVE_COLOURS, strict=False):
         points = np.array(on_torus(curve[:, 0], curve[:, 1]))
         behind = hidden(points)
         for shown, style in (

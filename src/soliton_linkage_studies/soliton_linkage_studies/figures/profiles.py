@@ -37,7 +37,7 @@ from soliton_linkage_studies.palette import (
     WHITE,
     scale_colours,
 )
-from soliton_linkage_studies.settings import Section, chain_from
+from soliton_linkage_studies.settings import Section
 
 _CAPTION = """
 Profiles of {kind} in a chain of springs, N = {rotors}, {shape} (paper, Fig. {number}).
@@ -91,7 +91,7 @@ Inset = Callable[[FigureReport, Axes, Chain, WallAtSpeed], None]
 def figure_5(section: Section, quick: bool) -> FigureReport:
     """Draw profiles and widths of flippers at several speeds, and of a wobbler (paper, Fig. 5)."""
     section.check_keys('chain', 'kicks', 'wobbler')
-    wobbler = chain_from(section.section('wobbler'))
+    wobbler = section.chain('wobbler')
 
     def inset(report: FigureReport, axes: Axes, _chain: Chain, _slowest: WallAtSpeed) -> None:
         _draw_wobbler(report, axes, wobbler)
@@ -116,7 +116,7 @@ def _profile_figure(
     inset_caption: str,
     inset: Inset,
 ) -> FigureReport:
-    chain = chain_from(section.section('chain'))
+    chain = section.chain()
     kicks = section.numbers('kicks', 1e-6, 100.0)
     walls = [_moving_wall(chain, kick) for kick in (kicks[::3] if quick else kicks)]
     kind = 'spinners' if chain.motion is Motion.SPINNER else 'flippers'

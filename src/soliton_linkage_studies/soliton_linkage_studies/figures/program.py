@@ -9,8 +9,6 @@ rows of the others remain in the table.
 from __future__ import annotations
 
 import argparse
-import sys
-from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
@@ -19,19 +17,12 @@ from soliton_linkage_studies.figures import FIGURES, DrawFigure
 from soliton_linkage_studies.program import (
     import_modules,
     run_parallel,
-    run_study,
     select_names,
-    study_parser,
+    study_command,
 )
 from soliton_linkage_studies.settings import Section, load_settings
 
 import_modules('soliton_linkage_studies.figures')
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Draw the figures of a settings file; return 1 on failure, 130 on Ctrl-C."""
-    parser = study_parser('figures', __doc__, 'fewer points', selective=True)
-    return run_study(parser, arguments, _drawn, 'finished figures are kept')
 
 
 def draw(figure: DrawFigure, section: Section, output: Path, quick: bool) -> list[Comparison]:
@@ -55,5 +46,5 @@ def _drawn(options: argparse.Namespace) -> str:
     return f'{len(names)} figures and table.md are in {options.output}'
 
 
-if __name__ == '__main__':
-    sys.exit(main())
+_LEFT = 'finished figures are kept'
+main = study_command(_drawn, _LEFT, 'figures', __doc__, 'fewer points', selective=True)

@@ -18,7 +18,7 @@ from soliton_linkage_studies.experiments import kick_rates
 from soliton_linkage_studies.figure_report import FigureReport
 from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.palette import MEASURED, MECHANICS_COLOURS, THEORY, scale_colours
-from soliton_linkage_studies.settings import Section, chain_from
+from soliton_linkage_studies.settings import Section
 
 
 def convergence_order(stiffnesses: ArrayLike, distances: ArrayLike) -> float:
@@ -53,7 +53,7 @@ _PATH = ('time [sqrt(M/k_e)]', 'wall at rotor [rotor spacings]')
 def rigid_limit_figure(section: Section, quick: bool) -> FigureReport:
     """Draw wall paths for increasing stiffness, and the angle deviation from rigid bars."""
     section.check_keys('chain', 'kick', 'duration', 'factors')
-    chain = chain_from(section.section('chain'))
+    chain = section.chain()
     factors = section.numbers('factors', 1.0, 1e9)
     duration = section.number('duration', 0.0, 1e6) * chain.time_unit
     rest = chain.uniform_state(1)

@@ -21,7 +21,7 @@ from soliton_linkage_studies.drawing import ChainPicture, add_legend, expand_lim
 from soliton_linkage_studies.experiments import record_kick
 from soliton_linkage_studies.figure_report import FigureReport, chain_formula
 from soliton_linkage_studies.figures import FIGURES
-from soliton_linkage_studies.settings import Section, chain_from
+from soliton_linkage_studies.settings import Section
 
 _CAPTION = f"""
 A wall in a chain of springs is reflected at both ends (paper, Figs. 2 and 3). Chain: {{chain}}.
@@ -52,7 +52,7 @@ _LEGEND = 0.3
 def snapshot_figure(section: Section, quick: bool) -> FigureReport:
     """Draw a chain before its kick, with its wall halfway, and after a round trip of the wall."""
     section.check_keys('chain', 'kick', 'duration', 'frames')
-    chain = chain_from(section.section('chain'))
+    chain = section.chain()
     kick = section.number('kick', 0.0, 100.0)
     duration = section.number('duration', 0.0, 1e6)
     frames = section.whole_number('frames', 10, 100_000)

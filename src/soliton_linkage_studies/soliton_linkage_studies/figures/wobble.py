@@ -26,7 +26,7 @@ from soliton_linkage_studies.experiments import (
 from soliton_linkage_studies.figure_report import FigureReport, Formula, chain_formula
 from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.palette import GREY, MARKERS, MEASURED, PAPER, THEORY, chain_colours
-from soliton_linkage_studies.settings import Section, chain_from
+from soliton_linkage_studies.settings import Section
 
 _PROFILES = """
 Wall profiles of wobbling flippers (paper, Fig. S1): displacements u = r sin φ of the rotors in
@@ -56,7 +56,7 @@ _NEAR = 1.5
 def figure_s1(section: Section, quick: bool) -> FigureReport:
     """Draw wall profiles of wobbling flippers in a slow motion (paper, Fig. S1)."""
     section.check_keys('chains')
-    chains = [chain_from(each) for each in section.section('chains').sections().values()]
+    chains = list(section.chains().values())
     count = _QUICK_SNAPSHOTS if quick else SNAPSHOTS
     figure = Figure(figsize=(9, 5.5), layout='constrained')
     report = FigureReport(figure, _PROFILES.format(count=count))
@@ -81,7 +81,7 @@ def figure_s1(section: Section, quick: bool) -> FigureReport:
 def figure_s2(section: Section, quick: bool) -> FigureReport:
     """Draw oscillations next to walls, and the theory of their decay (paper, Fig. S2)."""
     section.check_keys('chains')
-    chains = [chain_from(each) for each in section.section('chains').sections().values()]
+    chains = list(section.chains().values())
     count = _QUICK_SNAPSHOTS if quick else SNAPSHOTS
     figure = Figure(figsize=(12, 3 * len(chains)), layout='constrained')
     report = FigureReport(figure, _TAILS.format(count=count))

@@ -15,7 +15,7 @@ from soliton_linkage_studies.captions import LINKAGE, description
 from soliton_linkage_studies.drawing import ChainPicture, draw_torus, pivot_points, split_at_wraps
 from soliton_linkage_studies.films.scenes import BOTTOM, TOP, Format, Scene, film_kind
 from soliton_linkage_studies.palette import BLACK, DARK, GREY, PALE
-from soliton_linkage_studies.settings import Section, chain_from
+from soliton_linkage_studies.settings import Section
 from soliton_linkage_studies.unit_cell import configuration_curves
 
 _SMOOTH = 800
@@ -34,7 +34,7 @@ class Cell:
     def read(section: Section) -> Cell:
         """Read the settings. Raises ValueError if the chain does not have two rotors."""
         section.check_keys('chain', 'kick')
-        chain = chain_from(section.section('chain'))
+        chain = section.chain()
         if chain.number_of_rotors != 2:
             wanted = 'must be 2 for a unit cell; use the kind cycle for more rotors'
             raise section.section('chain').error('number_of_rotors', wanted)

@@ -38,7 +38,7 @@ from soliton_linkage_studies.films.scenes import (
     stacked,
 )
 from soliton_linkage_studies.palette import BLACK, BLUE, GREY, RED, WHITE
-from soliton_linkage_studies.settings import Section, chain_from
+from soliton_linkage_studies.settings import Section
 
 _AZIMUTH = math.radians(-75)
 """Initial azimuth of the camera [rad]; from the front, rotors would hide their bars."""
@@ -69,7 +69,7 @@ class KickedWall:
     def read(section: Section) -> KickedWall:
         """Read the settings. In the file the duration is in time units sqrt(M / k_e)."""
         section.check_keys('chain', 'kick', 'duration')
-        chain = chain_from(section.section('chain'))
+        chain = section.chain()
         kick = section.number('kick', 1e-6, 100.0)
         duration = section.number('duration', 1e-3, 1e6)
         return KickedWall(chain, kick, duration * chain.time_unit)

@@ -16,7 +16,7 @@ from soliton_linkage_studies.captions import LINKAGE, MODE, description
 from soliton_linkage_studies.drawing import ChainPicture, limits
 from soliton_linkage_studies.films.scenes import BOTTOM, LEFT, TOP, WIDTH, Format, Scene, film_kind
 from soliton_linkage_studies.palette import BLUE, GREEN, RED
-from soliton_linkage_studies.settings import Section, chain_from
+from soliton_linkage_studies.settings import Section
 
 _SMALLEST_SWING = 1e-5
 """Smallest amplitude on the vertical axis [rad]."""
@@ -40,7 +40,7 @@ class Insulation:
     def read(section: Section) -> Insulation:
         """Read the settings. In the file the duration is in time units sqrt(M / k_e)."""
         section.check_keys('chain', 'swing', 'drives', 'duration')
-        chain = chain_from(section.section('chain'))
+        chain = section.chain()
         drives = section.numbers('drives', 0.01, 100.0)
         if len(drives) != 2:
             raise section.error('drives', 'must be two numbers; give one below 1 and one above')

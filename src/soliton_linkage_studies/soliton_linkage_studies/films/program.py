@@ -24,9 +24,8 @@ from soliton_linkage_studies.films.scenes import FILM_KINDS, STYLE, Format, Scen
 from soliton_linkage_studies.program import (
     import_modules,
     run_parallel,
-    run_study,
     select_names,
-    study_parser,
+    study_command,
 )
 from soliton_linkage_studies.settings import Section, load_settings
 
@@ -58,7 +57,7 @@ def read_films(settings: Section) -> list[Film]:
         raise settings.error('size', 'must be two even numbers of pixels, for example [1280, 720]')
     width, height = (int(pixels) for pixels in size)
     films = []
-    for name, section in settings.section('films').sections().items():
+    for name, section in settings.sections('films').items():
         kind = section.text('kind', tuple(sorted(FILM_KINDS)))
         frames = max(round(frame_rate * section.number('playing_time', 0.1, 3600.0)), 2)
         of_motion = {key: section.values[key] for key in section.values if key not in _OF_FILMS}
@@ -189,14 +188,6 @@ _QUICK_SIZE = (320, 180)
 """Frame width and height of a film with the option `--quick` [pixels]."""
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command `films` and return its exit status."""
-    width, height = _QUICK_SIZE
-    quick = f'{_QUICK_FRAMES} frames of {width} x {height} pixels a film'
-    parser = study_parser('films', __doc__, quick, selective=True)
-    return run_study(parser, arguments, _filmed, 'finished films are kept')
-
-
 def _filmed(options: argparse.Namespace) -> str:
     films = read_films(load_settings(options.config))
     names = select_names([film.name for film in films], options.only)
@@ -215,5 +206,5 @@ def _filmed(options: argparse.Namespace) -> str:
     return f'{len(films)} films are in {options.output}'
 
 
-if __name__ == '__main__':
-    sys.exit(main())
+_QUICK = '{} frames of {} x {} pixels a film'.format(_QUICK_FRAMES, *_QUICK_SIZE)
+main = study_command(_filmed, 'finished films are kept', 'films', __doc__, _QUICK, selective=True)

@@ -35,7 +35,7 @@ from soliton_linkage_studies.films.scenes import (
     film_kind,
 )
 from soliton_linkage_studies.palette import BLACK, GREY
-from soliton_linkage_studies.settings import Section, chain_from
+from soliton_linkage_studies.settings import Section
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class Tilting:
         if len(tilts) != len(times):
             raise section.error('tilts', f'must be {len(times)} numbers; give one for each time')
         acceleration = section.number('gravity', 0.0, 1e3, 9.81)
-        return Tilting(chain_from(section.section('chain')), times, tilts, acceleration)
+        return Tilting(section.chain(), times, tilts, acceleration)
 
 
 @film_kind('tilt', Tilting.read)

@@ -16,30 +16,18 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import LogLocator
 
 from soliton_linkage.linkage.chain import Array
+from soliton_linkage_studies import palette
 from soliton_linkage_studies.figures.disorder import score_interval
 from soliton_linkage_studies.measures import BLOCKED, Value
-from soliton_linkage_studies.palette import (
-    BLACK,
-    COLOURS,
-    DARK,
-    MARKERS,
-    MECHANICS_COLOURS,
-    MOTION_COLOURS,
-    NAMES,
-    OUTCOME_COLOURS,
-    WHITE,
-    scale_colours,
-    tint,
-)
 from soliton_linkage_studies.sweep.config import Axis, SweepStudy
 from soliton_linkage_studies.unit_cell import flipper_limit, spinner_limit
 
 _MOST_CURVES = 5
 """A sweep is drawn as a map if exactly two axes have more values than this [1]."""
 CLASS_COLOURS = {
-    **{motion.value: colour for motion, colour in MOTION_COLOURS.items()},
-    BLOCKED: DARK,
-    **OUTCOME_COLOURS,
+    **{motion.value: colour for motion, colour in palette.MOTION_COLOURS.items()},
+    BLOCKED: palette.DARK,
+    **palette.OUTCOME_COLOURS,
 }
 """Colour of each class of results, by the name of the class."""
 _CLASS_LABELS = {
@@ -157,8 +145,8 @@ def _draw_limits(axes: Axes, across: Axis, up: Axis) -> None:
         (spinner_limit(angles), '--', r'$d = d_c = 2/\sin\bar\theta$'),
     ):
         line = (ratios, angles) if up.name == 'rest_angle' else (angles, ratios)
-        effects = [withStroke(linewidth=4, foreground=WHITE)]
-        axes.plot(*line, style, color=BLACK, label=label, path_effects=effects)
+        effects = [withStroke(linewidth=4, foreground=palette.WHITE)]
+        axes.plot(*line, style, color=palette.BLACK, label=label, path_effects=effects)
     axes.set(xlim=limits[0], ylim=limits[1])
     axes.legend(loc='upper center', bbox_to_anchor=(0.5, -0.28), ncols=2, frameon=False)
 
@@ -176,7 +164,10 @@ def _draw_curves(axes: Axes, study: SweepStudy, rows: Sequence[dict[str, str]]) 
         names, curves = list(study.measure.classes), list(values.T[..., None])
     colours = _curve_colours(families[0] if families else None, names)
     for number, (name, curve) in enumerate(zip(names, curves, strict=True)):
-        style: Any = {'color': colours[number], 'marker': MARKERS[number % len(MARKERS)]}
+        style: Any = {
+            'color': colours[number],
+            'marker': palette.MARKERS[number % len(palette.MARKERS)],
+        }
         style['label'] = class_label(name)
         if of_classes:
             share = curve[:, 0]
@@ -199,9 +190,12 @@ def _draw_curves(axes: Axes, study: SweepStudy, rows: Sequence[dict[str, str]]) 
 
 def _curve_colours(family: Axis | None, names: Sequence[str]) -> list[str]:
     if family is not None and _numeric(family):
-        return scale_colours(len(names))
-    known = {**CLASS_COLOURS, **MECHANICS_COLOURS}
-    return [known.get(name, COLOURS[number % len(COLOURS)]) for number, name in enumerate(names)]
+        return palette.scale_colours(len(names))
+    known = {**CLASS_COLOURS, **palette.MECHANICS_COLOURS}
+    return [
+        known.get(name, palette.COLOURS[number % len(palette.COLOURS)])
+        for number, name in enumerate(names)
+    ]
 
 
 def _draw_curve(axes: Axes, along: Axis, curve: Array, style: Mapping[str, Any]) -> None:
@@ -236,7 +230,7 @@ def _blended(each: Array, classes: Sequence[str]) -> Array:
 def _label_classes(axes: Axes, classes: Sequence[str], seeds: int) -> None:
     handles = [Patch(color=CLASS_COLOURS[name], label=class_label(name)) for name in classes]
     if seeds > 1:
-        half = tint(CLASS_COLOURS[classes[0]], 0.5)
+        half = palette.tint(CLASS_COLOURS[classes[0]], 0.5)
         handles.append(Patch(color=half, label='paler: fewer seeds'))
     place: Any = {'loc': 'upper center', 'bbox_to_anchor': (0.5, -0.12)}
     axes.add_artist(axes.legend(handles=handles, ncols=3, frameon=False, fontsize=9, **place))
@@ -328,7 +322,9 @@ def sweep_caption(study: SweepStudy) -> str:
 
 def _described(study: SweepStudy) -> str:
     classes, seeds = study.measure.classes, len(study.seeds)
-    colours = ', '.join(f'{class_label(name)} ({NAMES[CLASS_COLOURS[name]]})' for name in classes)
+    colours = ', '.join(
+        f'{class_label(name)} ({palette.NAMES[CLASS_COLOURS[name]]})' for name in classes
+    )
     if is_map(study.axes):
         limits = _LIMITS if shows_limits(study.axes) else ''
         if not classes:

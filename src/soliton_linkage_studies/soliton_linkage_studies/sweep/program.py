@@ -8,22 +8,13 @@ does not depend on interruptions or on the number of workers.
 from __future__ import annotations
 
 import argparse
-import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 from soliton_linkage_studies.figure_report import save_caption, save_figure
-from soliton_linkage_studies.program import run_study, study_parser
+from soliton_linkage_studies.program import study_command
 from soliton_linkage_studies.sweep.config import read_sweep_study
 from soliton_linkage_studies.sweep.pictures import sweep_caption, sweep_figure
 from soliton_linkage_studies.sweep.table import RESUMES, fill_table
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command `sweep` and return its exit status."""
-    names = 'out/sweeps/NAME_OF_CONFIG', 'phase_diagram'
-    parser = study_parser('sweep', __doc__, 'a coarser grid', *names, scheduler=True)
-    return run_study(parser, arguments, _run, RESUMES)
 
 
 def _run(options: argparse.Namespace) -> str:
@@ -42,5 +33,5 @@ def _run(options: argparse.Namespace) -> str:
     return f'{study.rows} rows in {", ".join(map(str, paths))}{note}'
 
 
-if __name__ == '__main__':
-    sys.exit(main())
+_NAMES = 'out/sweeps/NAME_OF_CONFIG', 'phase_diagram'
+main = study_command(_run, RESUMES, 'sweep', __doc__, 'a coarser grid', *_NAMES, scheduler=True)

@@ -4,8 +4,7 @@
 from __future__ import annotations
 
 import argparse
-import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,8 +17,8 @@ from soliton_linkage.linear.bands import band_edges
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage_studies.figure_report import FigureReport, save_page
 from soliton_linkage_studies.palette import BLACK, BLUE, GREY, ORANGE, PALE, RED, WHITE
-from soliton_linkage_studies.program import run_parallel, run_study, study_parser
-from soliton_linkage_studies.settings import Section, chain_from, load_settings
+from soliton_linkage_studies.program import run_parallel, study_command
+from soliton_linkage_studies.settings import Section, load_settings
 from soliton_linkage_studies.waves.runs import (
     Burst,
     Spectrum,
@@ -93,7 +92,7 @@ class WaveStudy:
     def read(settings: Section, quick: bool) -> WaveStudy:
         """Read the settings. Raises ValueError if they are invalid."""
         settings.check_keys('chain', 'site', 'burst', 'duration', 'kink', 'uniform')
-        chain, every = chain_from(settings.section('chain')), 4 if quick else 1
+        chain, every = settings.chain(), 4 if quick else 1
         burst, kink, uniform = (settings.section(key) for key in ('burst', 'kink', 'uniform'))
         burst.check_keys('frequency', 'cycles', 'amplitude')
         kink.check_keys('frequencies', 'amplitudes', 'cycles')
@@ -265,12 +264,6 @@ def _draw_spectra(
     report.add_comparison('Peierls-Nabarro barrier / (k_e lbar²)', '', 'none', barrier, 0.0)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command `waves` and return its exit status."""
-    parser = study_parser('waves', __doc__, 'fewer runs')
-    return run_study(parser, arguments, _waves, 'no new files are written')
-
-
 def _waves(options: argparse.Namespace) -> str:
     study = WaveStudy.read(load_settings(options.config), options.quick)
     options.output.mkdir(parents=True, exist_ok=True)
@@ -278,5 +271,4 @@ def _waves(options: argparse.Namespace) -> str:
     return save_page(page(study, runs), options.output, 'waves')
 
 
-if __name__ == '__main__':
-    sys.exit(main())
+main = study_command(_waves, 'no new files are written', 'waves', __doc__, 'fewer runs')
