@@ -48,9 +48,9 @@ def test_the_terminal_velocity_is_that_of_the_orbit(chain, charge, decay):
     angles, rates = moving(active, 10.5, charge, expected)
     task = ActiveTask(active, angles, rates, 8.0, 0.02, charge, fixed=charge < 0)
     run = task()
-    velocity, error = terminal_velocity(task, run)
+    velocity, error = terminal_velocity(run)
     assert velocity == pytest.approx(expected, rel=2e-3, abs=3 * error)
-    assert outcome(task, run) == 'runs'
+    assert outcome(run) == 'runs'
     assert run.imbalance < 1e-7
     end = slice(len(run.injected) // 2, len(run.injected) * 3 // 4)
     power = active.damping * expected**2 * drive.squares
@@ -68,7 +68,7 @@ def test_an_anti_kink_stays_below_the_pinning_threshold_and_leaves_above():
         active = motorised(chain, decay, ratio)
         angles, rates = moving(active, 12.5, -1, 0.0)
         task = ActiveTask(active, angles, rates, 12.0, 0.02, -1, fixed=True)
-        found[ratio > threshold] = outcome(task, task())
+        found[ratio > threshold] = outcome(task())
     assert found == {False: 'is pinned', True: 'runs'}
 
 

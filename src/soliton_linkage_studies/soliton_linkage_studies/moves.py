@@ -26,7 +26,7 @@ from soliton_linkage_studies.drawing import LEGEND_ABOVE
 from soliton_linkage_studies.figure_report import FigureReport
 from soliton_linkage_studies.palette import COLOURS, GREY
 from soliton_linkage_studies.program import run_parallel, study_command
-from soliton_linkage_studies.settings import Section, load_settings
+from soliton_linkage_studies.settings import Section, load_settings, setting
 from soliton_linkage_studies.sweep.table import markdown_table
 
 MoveKey = tuple[str, str]
@@ -49,12 +49,9 @@ _DRAWS = 100
 class Condition:
     """Encoder noise, damping and disorder of a chain."""
 
-    noise: float
-    """Standard deviation of the noise of a measured angle [rad]."""
-    decay: float
-    """Damping coefficient of a rotor divided by its moment of inertia [1/s]."""
-    disorder: float
-    """Relative standard deviation of the lengths, of the masses and of the stiffnesses [1]."""
+    noise: float = setting('standard deviation of a measured angle', 'rad', 0.0, 1.0)
+    decay: float = setting('damping of a rotor / its moment of inertia', '1/s', 0.0, 1e6)
+    disorder: float = setting('relative deviation of lengths, masses, stiffnesses', '1', 0.0, 0.3)
 
 
 @dataclass(frozen=True)
@@ -181,7 +178,7 @@ def read_moves(settings: Section, quick: bool) -> dict[MoveKey, list[MoveTask]]:
     moves = settings.whole_number('moves', 1, 10_000)
     held, limit = settings.number('held', 0.0, 60.0), settings.number('torque_limit', 1e-9, 1e6)
     found = settings.sections('conditions')
-    conditions = {name: _condition(section) for name, section in found.items()}
+    conditions = {name: Condition(**each.values_of(Condition)) for name, each in found.items()}
     tasks = {}
     for number, (name, chain) in enumerate(settings.chains().items()):
         random, last = np.random.default_rng([seed, number]), chain.number_of_rotors - 1
@@ -230,15 +227,6 @@ def move_table(runs: Mapping[MoveKey, Sequence[MoveRun]]) -> str:
             cells[3:] = [f'{error:.4f}', f'{left:.1e}', f'{share:.1e}', times]
         rows.append(cells)
     return markdown_table(_TITLES, rows)
-
-
-def _condition(section: Section) -> Condition:
-    section.check_keys('noise', 'decay', 'disorder')
-    return Condition(
-        section.number('noise', 0.0, 1.0),
-        section.number('decay', 0.0, 1e6),
-        section.number('disorder', 0.0, 0.3),
-    )
 
 
 _CAPTION = """

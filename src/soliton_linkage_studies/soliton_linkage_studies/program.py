@@ -96,7 +96,7 @@ def study_parser(
 
 
 def study_command(
-    study: Callable[[argparse.Namespace], str], left: str, *parser: Any, **options: bool
+    study: Callable[[argparse.Namespace], str], left: str, *parser: Any, **options: Any
 ) -> Callable[[Sequence[str] | None], int]:
     """Return the function `main` of a study, which returns the exit status.
 

@@ -5,18 +5,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import yaml
 
 from soliton_linkage.linkage.chain import Chain
-from soliton_linkage.linkage.quantities import described_fields
+from soliton_linkage.linkage.quantities import described_fields, quantity
 
 _CHAIN_KEYS = (
     *('number_of_rotors', 'rotor_length_ratio', 'rest_angle', 'spacing'),
     *('mass', 'stiffness', 'damping'),
 )
+
+
+def setting(description: str, unit: str, minimum: float, maximum: float) -> Any:
+    """Return a required dataclass field that `Section.values_of` reads; see also `quantity`."""
+    return quantity(MISSING, description, unit, minimum, maximum)
 
 
 @dataclass(frozen=True)
@@ -60,6 +66,20 @@ class Section:
     def chains(self) -> dict[str, Chain]:
         """Return the chains in the section `chains` by name; see `chain_from`."""
         return {name: chain_from(each) for name, each in self.sections('chains').items()}
+
+    def values_of(self, kind: type, *more: str) -> dict[str, Any]:
+        """Return the values of the fields of a dataclass that `setting` defines, by name.
+
+        `more` are further allowed keys. Raises ValueError for an invalid value or another key.
+        """
+        described = described_fields(kind)
+        self.check_keys(*more, *described)
+        types = {field.name: field.type for field in fields(kind)}
+        readers = {'int': self.whole_number, 'tuple[float, ...]': self.numbers}
+        return {
+            name: readers.get(types[name], self.number)(name, one.minimum, one.maximum)
+            for name, one in described.items()
+        }
 
     def number(
         self, key: str, minimum: float, maximum: float, default: float | None = None

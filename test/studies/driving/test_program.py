@@ -67,8 +67,8 @@ def test_the_settings_of_the_suite_are_read_and_quick_ones_are_fewer():
     assert all(len(quick.moves[key]) < len(tasks) for key, tasks in study.moves.items())
     actuator = PneumaticActuator()
     asked = actuator.torque_per_pressure * study.step.values.max()
-    assert study.works['saturated'].actuator.saturation_torque < asked
-    assert study.works['below saturation'].actuator.saturation_torque > asked
+    assert study.works['saturated'].args[1].saturation_torque < asked
+    assert study.works['below saturation'].args[1].saturation_torque > asked
 
 
 def test_the_energy_balance_contains_all_kinds_of_inputs():

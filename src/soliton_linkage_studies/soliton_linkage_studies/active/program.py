@@ -6,7 +6,7 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -29,10 +29,10 @@ from soliton_linkage_studies.active.runs import (
     wall_drive,
     wall_sites,
 )
-from soliton_linkage_studies.drawing import lean_norm
+from soliton_linkage_studies.drawing import show_leans
 from soliton_linkage_studies.figure_report import FigureReport, save_page
 from soliton_linkage_studies.program import run_parallel, study_command
-from soliton_linkage_studies.settings import Section, load_settings
+from soliton_linkage_studies.settings import Section, load_settings, setting
 
 _CAPTION = """
 Walls in chains whose motors put a torque κ (q_n − q_(n+1)) on both rotors of each bond.
@@ -79,41 +79,40 @@ _FRAMES = 600
 _LONGEST = 60.0
 """Longest duration of a simulation [s]; slow walls would need more time to cross the chain."""
 
+Drives = dict[tuple[str, int], WallDrive]
+"""Effect of the motors on a wall, by chain name and charge."""
+Runs = Mapping[tuple[Any, ...], ActiveRun]
+"""Runs by the key of their task: the panel name and the parameter values."""
+
 
 @dataclass(frozen=True)
 class ActiveStudy:
     """Chains and parameter values that a settings file specifies."""
 
     chains: dict[str, Chain]
-    ratios: tuple[float, ...]
-    """Ratios of the non-reciprocal coupling κ to the damping c in panel a [1/s]."""
-    decay: float
-    """Decay rate c / (M r^2) of the rotor rates in all panels except d [1/s]."""
     diagram_ratios: tuple[float, ...]
     diagram_decays: tuple[float, ...]
-    pair_ratio: float
-    """Ratio κ / c in panels b, c, e and f of the picture [1/s]."""
+    ratios: tuple[float, ...] = setting('coupling κ / damping c in panel a', '1/s', 0.01, 1e3)
+    decay: float = setting('decay rate c / (M r^2), except in panel d', '1/s', 1e-3, 1e3)
+    pair_ratio: float = setting('κ / c in panels b, c, e and f', '1/s', 0.01, 1e3)
 
     @staticmethod
     def read(settings: Section, quick: bool) -> ActiveStudy:
         """Read the settings. Raises ValueError if they are invalid."""
-        settings.check_keys('chains', 'ratios', 'decay', 'diagram', 'pair_ratio')
         diagram = settings.section('diagram')
         diagram.check_keys('ratios', 'decays')
-        every = 3 if quick else 1
-        return ActiveStudy(
-            settings.chains(),
-            settings.numbers('ratios', 0.01, 1e3)[::every],
-            settings.number('decay', 1e-3, 1e3),
-            diagram.numbers('ratios', 0.01, 1e3)[::every],
-            diagram.numbers('decays', 1e-3, 1e3)[::every],
-            settings.number('pair_ratio', 0.01, 1e3),
+        ranges = ('ratios', 0.01, 1e3), ('decays', 1e-3, 1e3)
+        every = slice(None, None, 3 if quick else 1)
+        axes = (diagram.numbers(*each)[every] for each in ranges)
+        study = ActiveStudy(
+            settings.chains(), *axes, **settings.values_of(ActiveStudy, 'chains', 'diagram')
         )
+        return replace(study, ratios=study.ratios[every])
 
     @property
-    def drives(self) -> dict[tuple[str, int], WallDrive]:
+    def drives(self) -> Drives:
         """Effect of the motors on walls with a path of stable states, by chain name and charge."""
-        found = {}
+        found: Drives = {}
         for name, chain in self.chains.items():
             for charge in (1, -1):
                 try:
@@ -122,9 +121,7 @@ class ActiveStudy:
                     continue
         return found
 
-    def tasks(
-        self, drives: Mapping[tuple[str, int], WallDrive]
-    ) -> dict[tuple[Any, ...], ActiveTask]:
+    def tasks(self, drives: Drives) -> dict[tuple[Any, ...], ActiveTask]:
         """Return all tasks. A key consists of the panel name and the parameter values."""
         tasks: dict[tuple[Any, ...], ActiveTask] = {}
         for (name, charge), drive in drives.items():
@@ -160,27 +157,22 @@ class ActiveStudy:
         return ActiveTask(active, angles, rates, duration, period, charge, fixed=charge < 0)
 
 
-def page(
-    study: ActiveStudy,
-    drives: Mapping[tuple[str, int], WallDrive],
-    tasks: Mapping[tuple[Any, ...], ActiveTask],
-    runs: Mapping[tuple[Any, ...], ActiveRun],
-) -> FigureReport:
+def page(study: ActiveStudy, drives: Drives, runs: Runs) -> FigureReport:
     """Return the page with its data and the comparisons for the table."""
     report = FigureReport(Figure(figsize=(11.0, 10.5), layout='constrained'), _CAPTION)
     panels = report.figure.subplot_mosaic('ad;bc;ef')
-    _draw_velocities(report, panels['a'], drives, tasks, runs)
+    _draw_velocities(report, panels['a'], drives, runs)
     first = next(iter(study.chains))
     for panel in 'bc':
-        _draw_pair(report, panel, panels[panel], tasks[panel,].chain, runs[panel,])
+        _draw_pair(report, panel, panels[panel], runs[panel,])
     for panel, charge in (('b', 1), ('b', -1), ('f', 1)):
-        active, recording = tasks[panel,].chain, runs[panel,].recording
+        active, recording = runs[panel,].chain, runs[panel,].recording
         found = [wall_sites(active, angles) for angles in recording.angles]
         track = recording.times, follow_charge(found, charge)
         velocity = drives[first, charge].velocity(active)
         _compare_track(report, panels[panel], (panel, charge), track, velocity)
-    _draw_diagram(report, panels['d'], study, drives, tasks, runs)
-    _draw_power(report, panels['e'], drives[first, 1], tasks['e',], runs['e',])
+    _draw_diagram(report, panels['d'], study, drives, runs)
+    _draw_power(report, panels['e'], drives[first, 1], runs['e',])
     run = runs['f',]
     panels['f'].plot(run.recording.times, run.sites, color=palette.BLUE)
     report.add_points('f', 'kink', (_TIME, _SITE), run.recording.times, run.sites)
@@ -194,42 +186,27 @@ def page(
     return report
 
 
-def _draw_velocities(
-    report: FigureReport,
-    axes: Axes,
-    drives: Mapping[tuple[str, int], WallDrive],
-    tasks: Mapping[tuple[Any, ...], ActiveTask],
-    runs: Mapping[tuple[Any, ...], ActiveRun],
-) -> None:
+def _draw_velocities(report: FigureReport, axes: Axes, drives: Drives, runs: Runs) -> None:
     names = list(dict.fromkeys(name for name, _ in drives))
     for (name, charge), drive in drives.items():
         kind = 'kink' if charge > 0 else 'anti-kink'
         colour = palette.COLOURS[names.index(name)]
-        keys = [key for key in tasks if key[:3] == ('a', name, charge)]
-        ratios = np.array([key[3] for key in keys])
-        measured = np.array([terminal_velocity(tasks[key], runs[key]) for key in keys])
-        theory = [drive.velocity(tasks[key].chain) for key in keys]
+        found = {key[3]: run for key, run in runs.items() if key[:3] == ('a', name, charge)}
+        ratios = np.array(list(found))
+        measured = np.array([terminal_velocity(run) for run in found.values()])
+        theory = [drive.velocity(run.chain) for run in found.values()]
         face = colour if charge > 0 else 'none'
         series = f'{name}, {kind}'
-        axes.errorbar(
-            ratios,
-            measured[:, 0],
-            measured[:, 1],
-            fmt='o',
-            color=colour,
-            markerfacecolor=face,
-            markersize=5,
-            label=series,
-        )
-        onset = drive.pinning / tasks[keys[0]].chain.damping
+        look: Any = {'fmt': 'o', 'color': colour, 'markerfacecolor': face, 'markersize': 5}
+        axes.errorbar(ratios, *measured.T, label=series, **look)
+        onset = drive.pinning / next(iter(found.values())).chain.damping
         bend = float(np.clip(onset, ratios[0], ratios[-1]))
         for ends, line in (((ratios[0], bend), ':'), ((bend, ratios[-1]), '--')):
             style = '-' if charge > 0 else line
             axes.plot(ends, np.array(ends) * drive.ratio, style, color=colour)
-        names_of_axes = (_RATIO, _VELOCITY)
-        report.add_points('a', f'{series}: measured', names_of_axes, ratios, measured[:, 0])
-        report.add_points('a', f'{series}: standard error', names_of_axes, ratios, measured[:, 1])
-        report.add_points('a', f'{series}: theory', names_of_axes, ratios, theory)
+        kinds = zip(('measured', 'standard error', 'theory'), (*measured.T, theory), strict=True)
+        for kind, values in kinds:
+            report.add_points('a', f'{series}: {kind}', (_RATIO, _VELOCITY), ratios, values)
         for ratio, expected, (velocity, _) in zip(ratios, theory, measured, strict=True):
             report.add_comparison(
                 f'{_VELOCITY}, {series}, κ / c = {ratio:g} / s',
@@ -265,36 +242,21 @@ def _compare_track(
     )
 
 
-def _draw_pair(report: FigureReport, panel: str, axes: Axes, chain: Chain, run: ActiveRun) -> None:
-    times = run.recording.times
-    axes.imshow(
-        displacement(chain, run.recording.angles).T,
-        origin='lower',
-        aspect='auto',
-        interpolation='nearest',
-        cmap=palette.LEAN_COLOURS,
-        norm=lean_norm(chain),
-        extent=(0.0, float(times[-1]), -0.5, chain.number_of_rotors - 0.5),
-    )
+def _draw_pair(report: FigureReport, panel: str, axes: Axes, run: ActiveRun) -> None:
+    chain, times = run.chain, run.recording.times
+    extent = 0.0, float(times[-1]), -0.5, chain.number_of_rotors - 0.5
+    show_leans(axes, chain, displacement(chain, run.recording.angles).T, extent)
     axes.plot(times, run.sites, color=palette.BLACK, linewidth=0.8)
     report.add_points(panel, 'kink', (_TIME, _SITE), times, run.sites)
     axes.set(xlabel=_TIME, ylabel='rotor n [1]')
 
 
 def _draw_diagram(
-    report: FigureReport,
-    axes: Axes,
-    study: ActiveStudy,
-    drives: Mapping[tuple[str, int], WallDrive],
-    tasks: Mapping[tuple[Any, ...], ActiveTask],
-    runs: Mapping[tuple[Any, ...], ActiveRun],
+    report: FigureReport, axes: Axes, study: ActiveStudy, drives: Drives, runs: Runs
 ) -> None:
-    keys = [key for key in tasks if key[0] == 'd']
-    outcomes = [outcome(tasks[key], runs[key]) for key in keys]
+    outcomes = {key[1:]: outcome(run) for key, run in runs.items() if key[0] == 'd'}
     for name, (marker, colour) in _OUTCOME_MARKS.items():
-        points = np.array(
-            [key[1:] for key, found in zip(keys, outcomes, strict=True) if found == name]
-        )
+        points = np.array([key for key, found in outcomes.items() if found == name])
         if len(points):
             axes.plot(*points.T, marker, color=colour, linestyle='', label=name)
             report.add_points('d', name, (_RATIO, 'decay rate [1/s]'), *points.T)
@@ -312,16 +274,13 @@ def _draw_diagram(
     axes.legend(fontsize='x-small', ncols=4, loc='lower right', bbox_to_anchor=(1.0, 1.0))
 
 
-def _draw_power(
-    report: FigureReport, axes: Axes, drive: WallDrive, task: ActiveTask, run: ActiveRun
-) -> None:
-    chain, times = task.chain, run.recording.times
+def _draw_power(report: FigureReport, axes: Axes, drive: WallDrive, run: ActiveRun) -> None:
+    chain, times = run.chain, run.recording.times
     end = len(times) * 3 // 4
-    powers: list[tuple[str, str, Array]] = [
+    for name, colour, power in (
         ('motors', palette.BLUE, run.injected),
         ('damping', palette.RED, run.dissipated),
-    ]
-    for name, colour, power in powers:
+    ):
         axes.plot(times, 1e3 * power, color=colour, label=name)
         report.add_points('e', name, (_TIME, 'power [W]'), times, power)
     expected = chain.damping * drive.velocity(chain) ** 2 * drive.squares
@@ -344,9 +303,8 @@ def _active(options: argparse.Namespace) -> str:
     study = ActiveStudy.read(load_settings(options.config), options.quick)
     options.output.mkdir(parents=True, exist_ok=True)
     drives = study.drives
-    tasks = study.tasks(drives)
-    runs = run_parallel('active', tasks, options.workers)
-    return save_page(page(study, drives, tasks, runs), options.output, 'active')
+    runs = run_parallel('active', study.tasks(drives), options.workers)
+    return save_page(page(study, drives, runs), options.output, 'active')
 
 
 main = study_command(_active, 'no new files are written', 'active', __doc__, 'fewer runs')

@@ -115,6 +115,7 @@ def wall_sites(chain: Chain, angles: Array) -> list[tuple[float, int]]:
 class ActiveRun:
     """Motion of a chain with motors in T frames, and the track of one wall."""
 
+    chain: Chain
     recording: Recording
     sites: Array
     """Site of the tracked wall [rotor spacings], shape (T,); NaN after the wall has vanished."""
@@ -161,6 +162,7 @@ class ActiveTask:
         rates = recording.rates * chain.signs
         injected = (of_bonds * (rates[:, :-1] + rates[:, 1:])).sum(axis=1)
         return ActiveRun(
+            chain,
             recording,
             follow_charge(found, self.charge),
             injected,
@@ -189,14 +191,14 @@ def follow_charge(found: Sequence[Sequence[tuple[float, int]]], charge: int) -> 
     return sites
 
 
-def terminal_velocity(task: ActiveTask, run: ActiveRun) -> tuple[float, float]:
+def terminal_velocity(run: ActiveRun) -> tuple[float, float]:
     """Return the terminal velocity of the wall and its standard error [rotor spacings/s].
 
     Only frames after four decay times are used, with the wall more than eight rotors away from
     both ends. Both results are NaN if there are fewer than 16 such frames.
     """
-    decay = task.chain.moment_of_inertia / task.chain.damping
-    last = task.chain.number_of_rotors - 1 - _FROM_END
+    decay = run.chain.moment_of_inertia / run.chain.damping
+    last = run.chain.number_of_rotors - 1 - _FROM_END
     times, sites = run.recording.times, run.sites
     with np.errstate(invalid='ignore'):
         used = (times > _STARTUP * decay) & (sites > _FROM_END) & (sites < last)
@@ -227,7 +229,7 @@ def motorised(chain: Chain, decay: float, ratio: float) -> Chain:
     return replace(chain, damping=damping, non_reciprocity=ratio * damping)
 
 
-def outcome(task: ActiveTask, run: ActiveRun) -> str:
+def outcome(run: ActiveRun) -> str:
     """Return the final state of a wall: 'runs', 'is pinned', 'breaks up' or 'vanishes'.
 
     The first condition that holds decides: the wall runs if it was last found less than eight
@@ -238,7 +240,7 @@ def outcome(task: ActiveTask, run: ActiveRun) -> str:
     sites = run.sites[np.isfinite(run.sites)]
     if not len(sites):
         return 'vanishes'
-    if sites[-1] > task.chain.number_of_rotors - 1 - _FROM_END:
+    if sites[-1] > run.chain.number_of_rotors - 1 - _FROM_END:
         return 'runs'
     if len(sites) < len(run.sites):
         return 'vanishes'

@@ -6,6 +6,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -19,14 +20,13 @@ from soliton_linkage_studies import palette
 from soliton_linkage_studies.driving.runs import (
     BalancedRun,
     DrivingStudy,
-    Results,
     TiltedRun,
     read_driving_study,
 )
 from soliton_linkage_studies.figure_report import FigureReport
 from soliton_linkage_studies.figures.actuator import DrivenChain, draw_response, stepped_response
 from soliton_linkage_studies.figures.rigid_limit import convergence_order, draw_convergence
-from soliton_linkage_studies.moves import MoveKey, MoveRun, move_table
+from soliton_linkage_studies.moves import MoveKey, MoveRun, move_table, runs_by_key
 from soliton_linkage_studies.program import run_parallel, study_command
 from soliton_linkage_studies.settings import load_settings
 from soliton_linkage_studies.sweep.table import markdown_table
@@ -203,34 +203,49 @@ class Finding:
         return self.lowest <= self.measured <= self.highest
 
 
-def page(study: DrivingStudy, results: Results) -> tuple[FigureReport, list[Finding]]:
+def page(
+    study: DrivingStudy, runs: Mapping[tuple[str, Any], Any]
+) -> tuple[FigureReport, list[Finding]]:
     """Return the page of results, and the measured numbers with their allowed ranges."""
+    balances, tilts, works = (
+        {key: run for (panel, key), run in runs.items() if panel == wanted} for wanted in 'bdf'
+    )
+    apart = [runs['c', number] for number in range(len(study.stiffnesses))]
+    moves = moves_of(runs)
     caption = _CAPTION.format(least=_LEAST)
     report = FigureReport(Figure(figsize=_A4, layout='constrained'), caption)
     panels = report.figure.subplot_mosaic(_LAYOUT)
     response = stepped_response(PneumaticActuator(), study.step)
     draw_response(report, panels['a'], response)
-    draw_balance(report, panels['b'], results.balances)
+    draw_balance(report, panels['b'], balances)
     stiffnesses = [task.chain.stiffness for task in study.stiffnesses]
-    order = convergence_order(stiffnesses, results.apart)
-    draw_stiffness(report, panels['c'], stiffnesses, results.apart, order)
-    draw_tilt(report, panels['t'], panels['d'], results.tilts)
+    order = convergence_order(stiffnesses, apart)
+    draw_stiffness(report, panels['c'], stiffnesses, apart, order)
+    draw_tilt(report, panels['t'], panels['d'], tilts)
     chains = {name: tasks[0].chain for (name, _), tasks in study.moves.items()}
-    moves = {key: runs[0] for key, runs in results.moves.items()}
-    draw_moves(report, panels['e'], chains, moves)
-    draw_work(report, panels['f'], results.works)
+    draw_moves(report, panels['e'], chains, {key: each[0] for key, each in moves.items()})
+    draw_work(report, panels['f'], works)
     entitle(panels)
     highest = float(study.step.values.max())
     closed = 'deviation of the closed form from numerical integration / pressure'
-    findings = [
-        Finding('a', closed, 0, 1e-6, response.distance / highest),
-        *_balance_findings(results),
-        Finding('c', 'order of the deviation of springs from bars in 1/k_e', 0.9, 1.1, order),
-        *_tilt_findings(study, results),
-        *_move_findings(results),
-        *_work_findings(results),
-    ]
+    findings = [Finding('a', closed, 0, 1e-6, response.distance / highest)]
+    for name, run in balances.items():
+        title = f'largest error of the energy balance / largest energy, {name}'
+        findings.append(Finding('b', title, 0, IMBALANCE_LIMIT, float(run.imbalances.max())))
+    title = 'order of the deviation of springs from bars in 1/k_e'
+    findings.append(Finding('c', title, 0.9, 1.1, order))
+    findings += [*_tilt_findings(study, tilts), *_move_findings(moves)]
+    for name, run in works.items():
+        missing = abs(float(run.works[-1] / run.energies[-1] - 1))
+        findings.append(
+            Finding('f', f'(work − energy gain) / energy gain, {name}', 0, 1e-9, missing)
+        )
     return report, findings
+
+
+def moves_of(runs: Mapping[tuple[str, Any], Any]) -> dict[MoveKey, list[MoveRun]]:
+    """Return the moves among all runs, grouped by chain and condition."""
+    return runs_by_key({key: run for (panel, key), run in runs.items() if panel == 'e'})
 
 
 def finding_table(findings: Sequence[Finding]) -> str:
@@ -243,17 +258,9 @@ def finding_table(findings: Sequence[Finding]) -> str:
     return markdown_table(('panel', 'quantity', 'measured', 'allowed range', 'holds'), rows)
 
 
-def _balance_findings(results: Results) -> list[Finding]:
-    title = 'largest error of the energy balance / largest energy'
-    return [
-        Finding('b', f'{title}, {name}', 0, IMBALANCE_LIMIT, float(run.imbalances.max()))
-        for name, run in results.balances.items()
-    ]
-
-
-def _tilt_findings(study: DrivingStudy, results: Results) -> list[Finding]:
+def _tilt_findings(study: DrivingStudy, tilts: Mapping[str, TiltedRun]) -> list[Finding]:
     findings = []
-    for name, run in results.tilts.items():
+    for name, run in tilts.items():
         task = study.tilts[name]
         last = task.chain.number_of_rotors - 1
         lower = [last if tilt > 0 else 0 for tilt in task.tilts]
@@ -264,9 +271,9 @@ def _tilt_findings(study: DrivingStudy, results: Results) -> list[Finding]:
     return findings
 
 
-def _move_findings(results: Results) -> list[Finding]:
+def _move_findings(moves: Mapping[MoveKey, Sequence[MoveRun]]) -> list[Finding]:
     findings = []
-    for (name, title), runs in results.moves.items():
+    for (name, title), runs in moves.items():
         reached = all(run.outcome is Outcome.REACHED for run in runs)
         error = max(run.error for run in runs) if reached else np.nan
         quantity = f'distance of the wall from its goal [rotor spacings], {name}, {title}'
@@ -274,21 +281,13 @@ def _move_findings(results: Results) -> list[Finding]:
     return findings
 
 
-def _work_findings(results: Results) -> list[Finding]:
-    title = '(work − energy gain) / energy gain'
-    return [
-        Finding('f', f'{title}, {name}', 0, 1e-9, abs(float(run.works[-1] / run.energies[-1] - 1)))
-        for name, run in results.works.items()
-    ]
-
-
 def _driven(options: argparse.Namespace) -> str:
     study = read_driving_study(load_settings(options.config), options.quick)
     options.output.mkdir(parents=True, exist_ok=True)
-    results = Results.of(run_parallel('driving', study.tasks, options.workers))
-    report, findings = page(study, results)
+    runs = run_parallel('driving', study.tasks, options.workers)
+    report, findings = page(study, runs)
     report.save(options.output, 'driving')
-    table = f'{finding_table(findings)}\n{move_table(results.moves)}'
+    table = f'{finding_table(findings)}\n{move_table(moves_of(runs))}'
     (options.output / 'table.md').write_text(table, encoding='utf-8')
     return f'{table}\npage and table are in {options.output}'
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from soliton_linkage.actuation.actuators import PneumaticActuator
-from soliton_linkage.actuation.edge_command import EdgeCommand
 from soliton_linkage.actuation.profile import Profile, trapezoid
 from soliton_linkage.dynamics.elastic import ElasticSimulation, simulate
 from soliton_linkage.dynamics.initial_states import leaning, with_soliton
@@ -24,16 +24,8 @@ from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage.solitons.track import find_crossings, follow
 from soliton_linkage_studies.experiments import kick_rates
 from soliton_linkage_studies.figures.actuator import DrivenChain, driven_chain, read_command
-from soliton_linkage_studies.moves import (
-    DISORDERED,
-    MoveKey,
-    MoveRun,
-    MoveTask,
-    numbered_tasks,
-    read_moves,
-    runs_by_key,
-)
-from soliton_linkage_studies.settings import Section
+from soliton_linkage_studies.moves import DISORDERED, MoveKey, MoveTask, numbered_tasks, read_moves
+from soliton_linkage_studies.settings import Section, setting
 
 _KEYS = ('step', 'work', 'energy_balance', 'stiffness', 'tilt', 'moves')
 _WORK_PERIOD = 0.002
@@ -43,26 +35,13 @@ _SHORT = 1.0
 
 
 @dataclass(frozen=True)
-class WorkTask:
-    """Task to drive a chain at its first edge with a pneumatic actuator."""
-
-    chain: Chain
-    actuator: PneumaticActuator
-    order: EdgeCommand
-
-    def __call__(self) -> DrivenChain:
-        """Run the simulation."""
-        return driven_chain(self.chain, self.actuator, self.order, _WORK_PERIOD)
-
-
-@dataclass(frozen=True)
 class DrivingStudy:
     """Simulations that a settings file specifies."""
 
     step: Profile
     """Commanded pressure [Pa] over time [s]."""
-    works: dict[str, WorkTask]
-    """Tasks by actuator name."""
+    works: dict[str, partial[DrivenChain]]
+    """Tasks by actuator name; each drives a chain at its first edge by a pneumatic actuator."""
     balances: dict[str, BalanceTask]
     """One task for springs ('elastic') and one for bars ('rigid')."""
     stiffnesses: list[StiffnessTask]
@@ -73,49 +52,23 @@ class DrivingStudy:
 
     @property
     def tasks(self) -> dict[tuple[Any, ...], Callable[[], Any]]:
-        """All tasks, each with a unique key; the longest tasks come first."""
-        stiffest_first = reversed(list(enumerate(self.stiffnesses)))
-        return {
-            **{('moves', *key): task for key, task in numbered_tasks(self.moves).items()},
-            **{('apart', number): task for number, task in stiffest_first},
-            **{('balances', name): task for name, task in self.balances.items()},
-            **{('tilts', name): task for name, task in self.tilts.items()},
-            **{('works', name): task for name, task in self.works.items()},
+        """All tasks by panel and name or number; the longest tasks come first."""
+        stiffest_first = dict(reversed(list(enumerate(self.stiffnesses))))
+        panels: dict[str, Mapping[Any, Callable[[], Any]]] = {
+            'e': numbered_tasks(self.moves),
+            'c': stiffest_first,
+            'b': self.balances,
+            'd': self.tilts,
+            'f': self.works,
         }
-
-
-@dataclass(frozen=True)
-class Results:
-    """Results of the tasks of a `DrivingStudy`, with the same keys as these."""
-
-    works: dict[str, DrivenChain]
-    balances: dict[str, BalancedRun]
-    apart: list[float]
-    """Largest angle difference between springs and bars [rad], in ascending order of stiffness."""
-    tilts: dict[str, TiltedRun]
-    moves: dict[MoveKey, list[MoveRun]]
-
-    @staticmethod
-    def of(done: Mapping[tuple[Any, ...], Any]) -> Results:
-        """Sort results into fields by their keys, which are as in `DrivingStudy.tasks`."""
-
-        def part(name: str) -> dict[Any, Any]:
-            return {key[1:]: result for key, result in done.items() if key[0] == name}
-
-        def named(name: str) -> dict[str, Any]:
-            return {key: result for (key,), result in part(name).items()}
-
-        apart = [distance for _, distance in sorted(part('apart').items())]
-        moves = runs_by_key(part('moves'))
-        return Results(named('works'), named('balances'), apart, named('tilts'), moves)
+        return {(panel, key): tasks[key] for panel, tasks in panels.items() for key in tasks}
 
 
 def read_driving_study(settings: Section, quick: bool) -> DrivingStudy:
     """Return the study of a settings file. Raises ValueError for invalid settings."""
     settings.check_keys(*_KEYS)
-    balances = {
-        name: BalanceTask.read(settings.section('energy_balance'), name) for name in MECHANICS
-    }
+    balance, tilt = settings.section('energy_balance'), settings.section('tilt')
+    balances = {name: BalanceTask.read(balance, name) for name in MECHANICS}
     moves = read_moves(settings.section('moves'), quick)
     if quick:
         balances = {name: replace(task, duration=_SHORT) for name, task in balances.items()}
@@ -125,7 +78,7 @@ def read_driving_study(settings: Section, quick: bool) -> DrivingStudy:
         _works(settings.section('work')),
         balances,
         StiffnessTask.read(settings.section('stiffness'), quick),
-        {name: TiltTask.read(settings.section('tilt'), name) for name in MECHANICS},
+        {name: TiltTask.read(tilt, name) for name in MECHANICS},
         moves,
     )
 
@@ -136,7 +89,7 @@ def _step(section: Section) -> Profile:
     return trapezoid(pressure, 0.0, section.number('duration', 0.01, 10.0), 0.0)
 
 
-def _works(section: Section) -> dict[str, WorkTask]:
+def _works(section: Section) -> dict[str, partial[DrivenChain]]:
     section.check_keys('chain', 'pressure', 'duration', 'ramp', 'saturation_torque')
     actuator, order = PneumaticActuator(), read_command(section)
     largest = section.number('saturation_torque', 1e-9, 1e6)
@@ -145,23 +98,14 @@ def _works(section: Section) -> dict[str, WorkTask]:
         'saturated': replace(actuator, saturation_torque=largest),
     }
     chain = section.chain()
-    return {name: WorkTask(chain, each, order) for name, each in actuators.items()}
+    return {
+        name: partial(driven_chain, chain, each, order, _WORK_PERIOD)
+        for name, each in actuators.items()
+    }
 
 
 MECHANICS: dict[str, type[Simulation]] = {'elastic': ElasticSimulation, 'rigid': RigidSimulation}
 
-_BALANCE_KEYS = (
-    'chain',
-    'disorder',
-    'position',
-    'velocity',
-    'gravity',
-    'tilt',
-    'kick',
-    'torque',
-    'duration',
-    'seed',
-)
 _PERIOD = 0.01
 """Frame period for energy balance and tilt [s]."""
 _BALANCE_TOLERANCE = 1e-12
@@ -203,41 +147,23 @@ class BalanceTask:
     mechanics: str
     position: float
     """Initial position of the wall [rotor spacings]."""
-    velocity: float
-    """Initial velocity of the wall [m/s]."""
-    gravity: float
-    """Gravitational acceleration [m/s^2]."""
-    tilt: float
-    """Largest tilt [rad]."""
-    kick: float
-    """Standard deviation of the random rate that a kick adds to each rotor [rad/s]."""
-    torque: float
-    """Standard deviation of the angular acceleration that the random torques cause [rad/s^2]."""
-    duration: float
-    """Duration of the simulation [s]."""
-    seed: int
+    velocity: float = setting('initial velocity of the wall', 'm/s', -100.0, 100.0)
+    gravity: float = setting('gravitational acceleration', 'm/s^2', 0.0, 1e3)
+    tilt: float = setting('largest tilt', 'rad', 0.0, 3.2)
+    kick: float = setting('standard deviation of the rate from a kick', 'rad/s', 0.0, 1e3)
+    torque: float = setting('standard deviation of torque / inertia', 'rad/s^2', 0.0, 1e6)
+    duration: float = setting('duration of the simulation', 's', 30 * _PERIOD, 1e3)
+    seed: int = setting('random seed of deviations, kicks, torques and tilts', '', 0, 2**31)
 
     @staticmethod
     def read(section: Section, mechanics: str) -> BalanceTask:
         """Read the settings; draw random deviations of the chain."""
-        section.check_keys(*_BALANCE_KEYS)
         bare = section.chain()
-        share = section.number('disorder', 0.0, 0.3)
-        seed = section.whole_number('seed', 0, 2**31)
-        shares = dict.fromkeys(DISORDERED, share)
-        drawn = drawn_deviations(bare.number_of_rotors, seed, periodic=False, **shares)
-        return BalanceTask(
-            replace(bare, deviations=drawn),
-            mechanics,
-            section.number('position', 0.0, bare.number_of_rotors - 1),
-            section.number('velocity', -100.0, 100.0),
-            section.number('gravity', 0.0, 1e3),
-            section.number('tilt', 0.0, 3.2),
-            section.number('kick', 0.0, 1e3),
-            section.number('torque', 0.0, 1e6),
-            section.number('duration', 30 * _PERIOD, 1e3),
-            seed,
-        )
+        shares = dict.fromkeys(DISORDERED, section.number('disorder', 0.0, 0.3))
+        position = section.number('position', 0.0, bare.number_of_rotors - 1)
+        values = section.values_of(BalanceTask, 'chain', 'disorder', 'position')
+        drawn = drawn_deviations(bare.number_of_rotors, values['seed'], periodic=False, **shares)
+        return BalanceTask(replace(bare, deviations=drawn), mechanics, position, **values)
 
     def __call__(self) -> BalancedRun:
         """Run the simulation."""
@@ -329,24 +255,14 @@ class TiltTask:
 
     chain: Chain
     mechanics: str
-    gravity: float
-    """Gravitational acceleration [m/s^2]."""
-    tilts: tuple[float, ...]
-    """Tilts in the order of time [rad]."""
-    kept: float
-    """Duration of each tilt [s]."""
+    gravity: float = setting('gravitational acceleration', 'm/s^2', 0.0, 1e3)
+    tilts: tuple[float, ...] = setting('tilts in the order of time', 'rad', -3.2, 3.2)
+    kept: float = setting('duration of each tilt', 's', _PERIOD, 1e3)
 
     @staticmethod
     def read(section: Section, mechanics: str) -> TiltTask:
         """Read the settings."""
-        section.check_keys('chain', 'gravity', 'tilts', 'kept')
-        return TiltTask(
-            section.chain(),
-            mechanics,
-            section.number('gravity', 0.0, 1e3),
-            section.numbers('tilts', -3.2, 3.2),
-            section.number('kept', _PERIOD, 1e3),
-        )
+        return TiltTask(section.chain(), mechanics, **section.values_of(TiltTask, 'chain'))
 
     def __call__(self) -> TiltedRun:
         """Run the simulation."""

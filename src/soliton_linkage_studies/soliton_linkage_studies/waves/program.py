@@ -6,6 +6,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from soliton_linkage.linkage.chain import Chain
 from soliton_linkage_studies.figure_report import FigureReport, save_page
 from soliton_linkage_studies.palette import BLACK, BLUE, GREY, ORANGE, PALE, RED, WHITE
 from soliton_linkage_studies.program import run_parallel, study_command
-from soliton_linkage_studies.settings import Section, load_settings
+from soliton_linkage_studies.settings import Section, load_settings, setting
 from soliton_linkage_studies.waves.runs import (
     Burst,
     Spectrum,
@@ -80,63 +81,51 @@ class WaveStudy:
     """Initial site of the resting kink [rotor spacings]."""
     burst: Burst
     """Burst in panel a."""
-    duration: float
-    """Duration of each simulation [s]."""
     frequencies: tuple[float, ...]
     amplitudes: tuple[float, ...]
     cycles: tuple[float, ...]
     created_frequencies: tuple[float, ...]
     created_amplitudes: tuple[float, ...]
+    duration: float = setting('duration of each simulation', 's', 0.01, 1e3)
 
     @staticmethod
     def read(settings: Section, quick: bool) -> WaveStudy:
         """Read the settings. Raises ValueError if they are invalid."""
-        settings.check_keys('chain', 'site', 'burst', 'duration', 'kink', 'uniform')
-        chain, every = settings.chain(), 4 if quick else 1
-        burst, kink, uniform = (settings.section(key) for key in ('burst', 'kink', 'uniform'))
-        burst.check_keys('frequency', 'cycles', 'amplitude')
+        chain, every = settings.chain(), slice(None, None, 4 if quick else 1)
+        kink, uniform, burst = (settings.section(key) for key in ('kink', 'uniform', 'burst'))
         kink.check_keys('frequencies', 'amplitudes', 'cycles')
         uniform.check_keys('frequencies', 'amplitudes')
         return WaveStudy(
             chain,
             settings.number('site', 0.5, chain.number_of_rotors - 1.5),
-            Burst(
-                burst.number('frequency', 1e-3, 1e6),
-                burst.number('cycles', 0.5, 1e4),
-                burst.number('amplitude', 0.0, 10.0),
-            ),
-            settings.number('duration', 0.01, 1e3),
-            kink.numbers('frequencies', 1e-3, 1e6)[::every],
+            Burst(**burst.values_of(Burst)),
+            kink.numbers('frequencies', 1e-3, 1e6)[every],
             kink.numbers('amplitudes', 0.0, 10.0),
-            kink.numbers('cycles', 0.5, 1e4)[::every],
-            uniform.numbers('frequencies', 1e-3, 1e6)[::every],
-            uniform.numbers('amplitudes', 0.0, 10.0)[::every],
+            kink.numbers('cycles', 0.5, 1e4)[every],
+            uniform.numbers('frequencies', 1e-3, 1e6)[every],
+            uniform.numbers('amplitudes', 0.0, 10.0)[every],
+            **settings.values_of(WaveStudy, 'chain', 'site', 'burst', 'kink', 'uniform'),
         )
 
     @property
     def tasks(self) -> dict[tuple[Any, ...], WaveTask]:
         """All tasks. A key consists of the panel name and the parameter values."""
 
-        def sent(
-            frequency: float, cycles: float, amplitude: float, site: float | None
-        ) -> WaveTask:
-            return WaveTask(self.chain, Burst(frequency, cycles, amplitude), self.duration, site)
-
-        usual = self.burst
-        tasks: dict[tuple[Any, ...], WaveTask] = {
-            ('a',): WaveTask(self.chain, usual, self.duration, self.site),
-            ('packet',): sent(usual.frequency, _PACKET[0], _PACKET[1], None),
+        burst, site = self.burst, self.site
+        sent: dict[tuple[Any, ...], tuple[Burst, float | None]] = {
+            ('a',): (burst, site),
+            ('packet',): (Burst(burst.frequency, *_PACKET), None),
         }
-        for amplitude in self.amplitudes:
-            for frequency in self.frequencies:
-                task = sent(frequency, usual.cycles, amplitude, self.site)
-                tasks['b', amplitude, frequency] = task
-            for cycles in self.cycles:
-                tasks['c', amplitude, cycles] = sent(usual.frequency, cycles, amplitude, self.site)
-        for amplitude in self.created_amplitudes:
-            for frequency in self.created_frequencies:
-                tasks['d', amplitude, frequency] = sent(frequency, usual.cycles, amplitude, None)
-        return tasks
+        for size, frequency in product(self.amplitudes, self.frequencies):
+            sent['b', size, frequency] = Burst(frequency, burst.cycles, size), site
+        for size, cycles in product(self.amplitudes, self.cycles):
+            sent['c', size, cycles] = Burst(burst.frequency, cycles, size), site
+        for size, frequency in product(self.created_amplitudes, self.created_frequencies):
+            sent['d', size, frequency] = Burst(frequency, burst.cycles, size), None
+        return {
+            key: WaveTask(self.chain, each, self.duration, place)
+            for key, (each, place) in sent.items()
+        }
 
 
 def page(study: WaveStudy, runs: Mapping[tuple[Any, ...], WaveRun]) -> FigureReport:
@@ -164,9 +153,8 @@ def page(study: WaveStudy, runs: Mapping[tuple[Any, ...], WaveRun]) -> FigureRep
             keys = [key for key in runs if key[:2] == (panel, amplitude)]
             x, moved = [key[2] for key in keys], [runs[key].displacement for key in keys]
             errors, series = [runs[key].displacement_error for key in keys], f'{amplitude:g} rad'
-            panels[panel].errorbar(
-                x, moved, errors, fmt='o-', color=colour, markersize=4, label=series
-            )
+            look: Any = {'fmt': 'o-', 'color': colour, 'markersize': 4, 'label': series}
+            panels[panel].errorbar(x, moved, errors, **look)
             report.add_points(panel, series, (axis, _MOVED), x, moved)
             report.add_points(panel, f'{series}: standard deviation', (axis, _MOVED), x, errors)
         panels[panel].set(xlabel=axis, ylabel=_MOVED)
@@ -177,10 +165,8 @@ def page(study: WaveStudy, runs: Mapping[tuple[Any, ...], WaveRun]) -> FigureRep
     _draw_spectra(report, panels, study.chain, sites)
     gap = [runs[key].displacement for key in runs if key[0] == 'b' and not low < key[2] < high]
     if gap:
-        largest = float(np.abs(gap).max())
-        report.add_comparison(
-            'largest displacement by bursts in the gap', '', 'none', largest, 0.0
-        )
+        quantity = 'largest displacement by bursts in the gap'
+        report.add_comparison(quantity, '', 'none', float(np.abs(gap).max()), 0.0)
     for name, axes in panels.items():
         axes.set_title(_TITLES[name], loc='left', fontsize='medium')
     return report
@@ -197,14 +183,10 @@ def _draw_packet(report: FigureReport, axes: Axes, study: WaveStudy, run: WaveRu
     chain, times, burst = study.chain, run.recording.times, study.burst
     energies = energy_per_rotor(chain, run.recording)
     largest = float(energies.max())
-    image = axes.imshow(
-        np.maximum(energies, 1e-6 * largest).T,
-        origin='lower',
-        aspect='auto',
-        cmap='Greys',
-        norm=LogNorm(1e-6 * largest, largest),
-        extent=(0.0, float(times[-1]), -0.5, chain.number_of_rotors - 0.5),
-    )
+    extent = 0.0, float(times[-1]), -0.5, chain.number_of_rotors - 0.5
+    look: Any = {'cmap': 'Greys', 'norm': LogNorm(1e-6 * largest, largest), 'extent': extent}
+    shown = np.maximum(energies, 1e-6 * largest).T
+    image = axes.imshow(shown, origin='lower', aspect='auto', **look)
     speed = group_velocity(chain, burst.frequency)
     for start in (0.0, burst.duration):
         axes.plot(times, speed * (times - start), '--', color=BLUE, linewidth=1)

@@ -16,7 +16,8 @@ from soliton_linkage.linear.statics import stiffness_matrix
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.solitons.static_wall import static_wall
-from soliton_linkage_studies.active.runs import wall_sites
+from soliton_linkage_studies.active.runs import follow_charge, wall_sites
+from soliton_linkage_studies.settings import setting
 
 _FIRST = 3
 """First rotor at which the arrival of a packet is timed [1], outside the near field of rotor 0."""
@@ -37,12 +38,9 @@ class Burst:
     at the group velocity d omega / dk.
     """
 
-    frequency: float
-    """Angular frequency omega [rad/s]."""
-    cycles: float
-    """Number of cycles n [1]."""
-    amplitude: float
-    """Amplitude A [rad]."""
+    frequency: float = setting('angular frequency omega', 'rad/s', 1e-3, 1e6)
+    cycles: float = setting('number of cycles n', '1', 0.5, 1e4)
+    amplitude: float = setting('amplitude A', 'rad', 0.0, 10.0)
 
     @property
     def duration(self) -> float:
@@ -79,25 +77,13 @@ class WaveTask:
             torques[0] = self.burst.torque(inertia, time)
             return torques
 
-        site = self.site
-        angles = chain.uniform_state(-1) if site is None else static_wall(chain, site)
-        simulation = ElasticSimulation(
-            chain,
-            angles,
-            period=self.duration / self.frames,
-            tolerance=_TOLERANCE,
-            forces=[force],
-            integrator='DOP853',
-        )
+        at_rest = chain.uniform_state(-1)
+        angles = at_rest if self.site is None else static_wall(chain, self.site)
+        start = chain, angles, None, self.duration / self.frames, _TOLERANCE
+        simulation = ElasticSimulation(*start, forces=[force], integrator='DOP853')
         recording = simulation.record(self.duration)
         found = [wall_sites(chain, each) for each in recording.angles]
-        last = math.nan if site is None else site
-        sites = []
-        for walls in found:
-            near = [zero for zero, charge in walls if charge > 0 and abs(zero - last) < 2]
-            last = min(near, key=lambda zero: abs(zero - last)) if near else math.nan
-            sites.append(last)
-        return WaveRun(recording, np.array(sites), len(found[-1]))
+        return WaveRun(recording, follow_charge(found, 1), len(found[-1]))
 
 
 @dataclass(frozen=True)
