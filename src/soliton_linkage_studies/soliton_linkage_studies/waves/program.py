@@ -110,7 +110,6 @@ class WaveStudy:
     @property
     def tasks(self) -> dict[tuple[Any, ...], WaveTask]:
         """All tasks. A key consists of the panel name and the parameter values."""
-
         burst, site = self.burst, self.site
         sent: dict[tuple[Any, ...], tuple[Burst, float | None]] = {
             ('a',): (burst, site),
