@@ -369,17 +369,21 @@ def test_an_interrupted_run_leaves_no_partial_files(tmp_path):
 
 
 OWN_FILM = """
-from soliton_linkage_studies.films.scenes import film_kind
+from soliton_linkage_studies.films.scenes import FILM_KINDS
 from soliton_linkage_studies.films.scenes import Scene
 
 
-def read(section):
-    section.check_keys('seconds')
-    return section.number('seconds', 1.0, 10.0)
+class Seconds:
+    @staticmethod
+    def read(section):
+        section.check_keys('seconds')
+        return section.number('seconds', 1.0, 10.0)
 
 
-@film_kind('dot', read)
+@FILM_KINDS.add('dot')
 class DotScene(Scene):
+    settings = Seconds
+
     def __init__(self, title, seconds, shape):
         super().__init__(title, 'a dot', shape, seconds, 1.0)
         (self._dot,) = self.figure.add_subplot().plot([0], [0], 'o')

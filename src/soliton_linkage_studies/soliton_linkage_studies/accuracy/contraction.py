@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ from soliton_linkage_studies.captions import class_and_shape
 from soliton_linkage_studies.experiments import crossing_duration, first_passage, record_kick
 from soliton_linkage_studies.figure_report import Comparison, FigureReport, Formula, write_table
 from soliton_linkage_studies.palette import BLACK, MEASURED, PAPER
-from soliton_linkage_studies.settings import Section
+from soliton_linkage_studies.settings import Section, setting
 
 _CAPTION = """ Lorentz contraction of walls (paper, Figs. 5 and 6), measured by the analyser from
 {source} with encoder noise of {noise:g} rad. Each panel is a chain, named by its class and (r/a,
@@ -76,11 +76,9 @@ class ContractionStudy:
     """Study of wall contraction: chains, kicks and encoder noise."""
 
     walls: tuple[Walls, ...]
-    noise: float
-    """Standard deviation of the noise of each angle [rad]."""
-    frames: int
-    """Number of frames in a passage from edge to edge [1]."""
-    seed: int
+    noise: float = setting('standard deviation of the noise of each angle', 'rad', 0.0, 1.0)
+    frames: int = setting('number of frames from edge to edge', '1', 50, 1_000_000)
+    seed: int = setting('random seed', '', 0, 2**32)
 
     def tasks(self) -> list[Callable[[], Any]]:
         """Return the tasks: first the passages of all walls, then the widths at rest."""
@@ -177,15 +175,10 @@ def rest_width(chain: Chain) -> float:
 
 def read_contraction_study(section: Section, quick: bool) -> ContractionStudy:
     """Read the settings. Raises ValueError for invalid settings."""
-    section.check_keys('chains', 'noise', 'frames', 'seed')
-    frames = section.whole_number('frames', 50, 1_000_000)
     chains = section.sections('chains')
-    return ContractionStudy(
-        walls=tuple(_walls(name, each, quick) for name, each in chains.items()),
-        noise=section.number('noise', 0.0, 1.0),
-        frames=min(frames, _QUICK_FRAMES) if quick else frames,
-        seed=section.whole_number('seed', 0, 2**32),
-    )
+    walls = tuple(_walls(name, each, quick) for name, each in chains.items())
+    study = ContractionStudy(walls, **section.values_of(ContractionStudy, 'chains'))
+    return replace(study, frames=min(study.frames, _QUICK_FRAMES)) if quick else study
 
 
 def _walls(name: str, section: Section, quick: bool) -> Walls:

@@ -22,6 +22,7 @@ from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 from soliton_linkage.solitons.static_wall import site_arc, static_wall
 from soliton_linkage.solitons.tanh_fit import find_solitons, order_field
 from soliton_linkage_studies.experiments import zero_crossing
+from soliton_linkage_studies.settings import setting
 
 ZERO_CROSSING = 'zero crossing of u'
 SHIFTED_CROSSING = 'zero crossing of cos(θ − θ̄)'
@@ -55,13 +56,11 @@ class Estimate:
 class EstimatorTrial:
     """Parameters of the frames on which estimators are tested."""
 
-    frames: int
     noise: float
     """Standard deviation of the noise of each angle [rad]."""
-    coarse_start: float
-    """Largest error of the guess from which a fit starts [rotor spacings]."""
-    cold_every: int
-    """The slow search without a guess is tested only on every `cold_every`-th frame [1]."""
+    frames: int = setting('number of frames', '1', 2, 10_000_000)
+    coarse_start: float = setting('largest error of a guess', 'rotor spacings', 0.0, 1.0)
+    cold_every: int = setting('frames per test of the slow cold search', '1', 1, 1_000_000)
 
 
 Estimator = Callable[[UniformOrbit, Array, float], Estimate]

@@ -86,20 +86,13 @@ class FrameStudy:
 
 def read_frame_study(section: Section, quick: bool) -> FrameStudy:
     """Read the settings. Raises ValueError for invalid settings."""
-    section.check_keys('chains', 'noises', 'frames', 'cold_every', 'coarse_start', 'seed')
-    frames = section.whole_number('frames', 2, 10_000_000)
-    trial = EstimatorTrial(
-        frames=min(frames, _QUICK_FRAMES) if quick else frames,
-        noise=math.nan,
-        coarse_start=section.number('coarse_start', 0.0, 1.0),
-        cold_every=section.whole_number('cold_every', 1, 1_000_000),
-    )
-    return FrameStudy(
-        chains=tuple(_chain_of(each) for each in section.sections('chains').values()),
-        noises=section.numbers('noises', 1e-9, 1.0),
-        trial=trial,
-        seed=section.whole_number('seed', 0, 2**32),
-    )
+    values = section.values_of(EstimatorTrial, 'chains', 'noises', 'seed')
+    trial = EstimatorTrial(math.nan, **values)
+    if quick:
+        trial = replace(trial, frames=min(trial.frames, _QUICK_FRAMES))
+    chains = tuple(_chain_of(each) for each in section.sections('chains').values())
+    noises, seed = section.numbers('noises', 1e-9, 1.0), section.whole_number('seed', 0, 2**32)
+    return FrameStudy(chains, noises, trial, seed)
 
 
 def _chain_of(section: Section) -> Chain:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
 from pathlib import Path
@@ -27,7 +27,7 @@ from soliton_linkage_studies.accuracy.estimators import bound, orbit_of
 from soliton_linkage_studies.captions import class_and_shape
 from soliton_linkage_studies.figure_report import FigureReport, save_page
 from soliton_linkage_studies.palette import MEASURED, RED, THEORY
-from soliton_linkage_studies.settings import Section
+from soliton_linkage_studies.settings import Section, setting
 
 _CAPTION = """ Errors of the recursive estimator against the time since the first frame, for a wall
 at a constant velocity of {speed:g} rotor spacings/s, angle noise of {noise:g} rad and {rate:g}
@@ -51,16 +51,12 @@ class RecordStudy:
     """Study of walls at constant velocity, with noisy encoders and several runs per chain."""
 
     chains: tuple[Chain, ...]
-    noise: float
-    """Standard deviation of the noise of each angle [rad]."""
-    speed: float
-    """Wall speed [rotor spacings / s]."""
-    frame_rate: float
-    """Frame rate [Hz]."""
-    frames: int
-    """Number of frames per run [1]."""
-    runs: int
-    seed: int
+    noise: float = setting('standard deviation of the noise of each angle', 'rad', 1e-9, 1.0)
+    speed: float = setting('wall speed', 'rotor spacings / s', 1e-6, 1e6)
+    frame_rate: float = setting('frame rate', 'Hz', 1e-3, 1e6)
+    frames: int = setting('number of frames per run', '1', 10, 10_000_000)
+    runs: int = setting('number of runs per chain', '1', 2, 100_000)
+    seed: int = setting('random seed', '', 0, 2**32)
 
     @property
     def shown(self) -> Array:
@@ -161,17 +157,9 @@ class RecordStudy:
 
 def read_record_study(section: Section, quick: bool) -> RecordStudy:
     """Read the settings. Raises ValueError for invalid settings."""
-    section.check_keys('chains', 'noise', 'speed', 'frame_rate', 'frames', 'runs', 'seed')
-    runs = section.whole_number('runs', 2, 100_000)
-    return RecordStudy(
-        chains=tuple(section.chains().values()),
-        noise=section.number('noise', 1e-9, 1.0),
-        speed=section.number('speed', 1e-6, 1e6),
-        frame_rate=section.number('frame_rate', 1e-3, 1e6),
-        frames=section.whole_number('frames', 10, 10_000_000),
-        runs=min(runs, _QUICK_RUNS) if quick else runs,
-        seed=section.whole_number('seed', 0, 2**32),
-    )
+    chains = tuple(section.chains().values())
+    study = RecordStudy(chains, **section.values_of(RecordStudy, 'chains'))
+    return replace(study, runs=min(study.runs, _QUICK_RUNS)) if quick else study
 
 
 def _root_mean_square(values: Array) -> Array:

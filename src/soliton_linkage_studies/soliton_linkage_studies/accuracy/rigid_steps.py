@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage_studies.captions import class_and_shape
 from soliton_linkage_studies.figure_report import FigureReport, save_page
 from soliton_linkage_studies.palette import GREY, MARKERS, chain_colours
-from soliton_linkage_studies.settings import Section
+from soliton_linkage_studies.settings import Section, setting
 
 _CAPTION = """ Chains of rigid bars that swing in tilted gravity, for up to {steps:,} solver steps.
 Each class of chain has a colour and a marker. (a) Largest relative error of a bar length. (b)
@@ -43,10 +43,9 @@ class RigidSteps:
     """Study of the errors after many steps of chains that swing under gravity."""
 
     chains: tuple[Chain, ...]
-    steps: int
-    speed: float
-    """Norm of the initial rotor rates [rad / time unit]."""
     gravity: Gravity
+    steps: int = setting('number of solver steps', '1', 100, 100_000_000)
+    speed: float = setting('norm of the initial rotor rates', 'rad / time unit', 0.0, 1e6)
 
     def tasks(self) -> list[Callable[[], Any]]:
         """Return one task per chain."""
@@ -99,13 +98,10 @@ class RigidSteps:
 
 def read_rigid_steps(section: Section, quick: bool) -> RigidSteps:
     """Read the settings. Raises ValueError for invalid settings."""
-    section.check_keys('chains', 'steps', 'speed', 'acceleration', 'tilt')
-    steps = section.whole_number('steps', 100, 100_000_000)
     acceleration = section.number('acceleration', 0.0, 1e3)
-    chains = tuple(section.chains().values())
-    return RigidSteps(
-        chains=chains[:1] if quick else chains,
-        steps=min(steps, _QUICK_STEPS) if quick else steps,
-        speed=section.number('speed', 0.0, 1e6),
-        gravity=Gravity(acceleration, section.number('tilt', -math.pi, math.pi)),
-    )
+    gravity = Gravity(acceleration, section.number('tilt', -math.pi, math.pi))
+    values = section.values_of(RigidSteps, 'chains', 'acceleration', 'tilt')
+    study = RigidSteps(tuple(section.chains().values()), gravity, **values)
+    if not quick:
+        return study
+    return replace(study, chains=study.chains[:1], steps=min(study.steps, _QUICK_STEPS))

@@ -13,9 +13,9 @@ from matplotlib.patches import Circle
 from soliton_linkage.linkage.chain import Array, Chain, staggered
 from soliton_linkage_studies.captions import LINKAGE, description
 from soliton_linkage_studies.drawing import ChainPicture, draw_torus, pivot_points, split_at_wraps
-from soliton_linkage_studies.films.scenes import BOTTOM, TOP, Format, Scene, film_kind
+from soliton_linkage_studies.films.scenes import BOTTOM, FILM_KINDS, TOP, Format, Scene
 from soliton_linkage_studies.palette import BLACK, DARK, GREY, PALE
-from soliton_linkage_studies.settings import Section
+from soliton_linkage_studies.settings import Section, setting
 from soliton_linkage_studies.unit_cell import configuration_curves
 
 _SMOOTH = 800
@@ -27,21 +27,19 @@ class Cell:
     """Settings of a unit cell in motion."""
 
     chain: Chain
-    kick: float
-    """Norm r |phi_dot| of the mass velocities after the kick [a sqrt(k_e / M)]."""
+    kick: float = setting('norm of the velocities r phi_dot', 'a sqrt(k_e / M)', 1e-6, 100.0)
 
     @staticmethod
     def read(section: Section) -> Cell:
         """Read the settings. Raises ValueError if the chain does not have two rotors."""
-        section.check_keys('chain', 'kick')
         chain = section.chain()
         if chain.number_of_rotors != 2:
             wanted = 'must be 2 for a unit cell; use the kind cycle for more rotors'
             raise section.section('chain').error('number_of_rotors', wanted)
-        return Cell(chain, section.number('kick', 1e-6, 100.0))
+        return Cell(chain, **section.values_of(Cell, 'chain'))
 
 
-@film_kind('unit_cell', Cell.read)
+@FILM_KINDS.add('unit_cell')
 class CellScene(Scene):
     """Scene of a cycle of a unit cell, as a linkage and as a point in configuration space."""
 
@@ -54,6 +52,7 @@ class CellScene(Scene):
     mark the uniform states. The black dot is the configuration on the left; the wide grey line
     is its past path.
     """
+    settings = Cell
 
     def __init__(self, title: str, motion: Cell, shape: Format) -> None:
         chain = motion.chain

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -26,6 +26,7 @@ from soliton_linkage_studies.drawing import (
 from soliton_linkage_studies.experiments import kick_rates
 from soliton_linkage_studies.films.scenes import (
     BOTTOM,
+    FILM_KINDS,
     LEFT,
     SPACE_TIME,
     TOLERANCE,
@@ -34,11 +35,10 @@ from soliton_linkage_studies.films.scenes import (
     ProfilePanel,
     Scene,
     SpaceTime,
-    film_kind,
     stacked,
 )
 from soliton_linkage_studies.palette import BLACK, BLUE, GREY, RED, WHITE
-from soliton_linkage_studies.settings import Section
+from soliton_linkage_studies.settings import Section, setting
 
 _AZIMUTH = math.radians(-75)
 """Initial azimuth of the camera [rad]; from the front, rotors would hide their bars."""
@@ -60,26 +60,23 @@ class KickedWall:
     """Settings of a motion that begins with a kick of the wall at the last rotor."""
 
     chain: Chain
-    kick: float
-    """Norm r |phi_dot| of the mass velocities after the kick [a sqrt(k_e / M)]."""
     duration: float
     """Duration of the motion [s]."""
+    kick: float = setting('norm of the velocities r phi_dot', 'a sqrt(k_e / M)', 1e-6, 100.0)
 
-    @staticmethod
-    def read(section: Section) -> KickedWall:
+    @classmethod
+    def read(cls, section: Section) -> Any:
         """Read the settings. In the file the duration is in time units sqrt(M / k_e)."""
-        section.check_keys('chain', 'kick', 'duration')
         chain = section.chain()
-        kick = section.number('kick', 1e-6, 100.0)
-        duration = section.number('duration', 1e-3, 1e6)
-        return KickedWall(chain, kick, duration * chain.time_unit)
+        duration = section.number('duration', 1e-3, 1e6) * chain.time_unit
+        return cls(chain, duration, **section.values_of(cls, 'chain', 'duration'))
 
     def describe(self) -> str:
         """Return a one-line description of the chain and of the kick."""
         return f'{description(self.chain)}, v₀ = {self.kick:g} a√(kₑ/M)'
 
 
-@film_kind('cycle', KickedWall.read)
+@FILM_KINDS.add('cycle')
 class CycleScene(Scene):
     """Scene of a kicked chain of springs, with its zero mode, profile and space-time diagram."""
 
@@ -92,6 +89,7 @@ class CycleScene(Scene):
     The pale line is u = 0.
     {SPACE_TIME}
     """
+    settings = KickedWall
 
     def __init__(self, title: str, motion: KickedWall, shape: Format) -> None:
         chain = motion.chain
@@ -116,26 +114,14 @@ class CycleScene(Scene):
 
 
 @dataclass(frozen=True)
-class Staggering:
+class Staggering(KickedWall):
     """Settings of a kicked linkage whose rotors and bars lie in separate planes."""
 
-    motion: KickedWall
-    depth: float
-    """Distance between the planes of a rotor and of the bar behind it, divided by a [1]."""
-    turn: float
-    """Change of the camera's azimuth during the film [rad]."""
-
-    @staticmethod
-    def read(section: Section) -> Staggering:
-        """Read the settings. In the file the duration is in time units sqrt(M / k_e)."""
-        section.check_keys('chain', 'kick', 'duration', 'depth', 'turn')
-        depth = section.number('depth', 0.01, 10.0)
-        turn = section.number('turn', -10.0, 10.0)
-        rest = {key: section.values[key] for key in section.values if key not in ('depth', 'turn')}
-        return Staggering(KickedWall.read(replace(section, values=rest)), depth, turn)
+    depth: float = setting('distance of a rotor plane from the bar behind it', 'a', 0.01, 10.0)
+    turn: float = setting("change of the camera's azimuth during the film", 'rad', -10.0, 10.0)
 
 
-@film_kind('staggered', Staggering.read)
+@FILM_KINDS.add('staggered')
 class StaggeredScene(Scene):
     """Scene of a three-dimensional linkage, whose rotors and bars lie in separate planes."""
 
@@ -143,9 +129,9 @@ class StaggeredScene(Scene):
     Each rotor and each bar lies in a separate plane. Where two bodies cross, the nearer one has a
     white border. The legend in the film explains the colours. {SPACE_TIME}
     """
+    settings = Staggering
 
-    def __init__(self, title: str, settings: Staggering, shape: Format) -> None:
-        motion = settings.motion
+    def __init__(self, title: str, motion: Staggering, shape: Format) -> None:
         chain = motion.chain
         subtitle = f'{motion.describe()}, rigid bars'
         super().__init__(title, subtitle, shape, motion.duration, chain.time_unit)
@@ -153,8 +139,15 @@ class StaggeredScene(Scene):
         rates = kick_rates(chain, rest, motion.kick)
         simulation = RigidSimulation(chain, rest, rates, self.period, TOLERANCE)
         self.angles = simulation.record(motion.duration).angles
-        self._chain, self._layer = chain, settings.depth * chain.spacing
-        self._azimuths = _AZIMUTH + np.linspace(0, settings.turn, shape.frames)
+        self._chain, self._layer = chain, motion.depth * chain.spacing
+        self._azimuths = _AZIMUTH + np.linspace(0, motion.turn, shape.frames)
+        counts = [chain.number_of_rotors] * 3 + [chain.number_of_springs]
+        self._colours = [
+            colour
+            for (_, colour, _), count in zip(_BODIES, counts, strict=True)
+            for _ in range(count)
+        ]
+        self._widths = np.repeat([width for *_, width in _BODIES], counts)
         self._axes = self._add_axes()
         self._add_legend()
         self._bodies = LineCollection([[(0, 0), (0, 0)]], capstyle='round')
@@ -169,7 +162,7 @@ class StaggeredScene(Scene):
         azimuth = float(self._azimuths[frame])
         bodies = layered(self._chain, self.angles[frame], self._layer)
         order = from_behind(bodies, azimuth, _ELEVATION)
-        widths, colours = self._looks()
+        widths, colours = self._widths, self._colours
         # The white border behind each body shows which of two crossing bodies is nearer.
         self._bodies.set_segments(list(np.repeat(bodies[order], 2, axis=0)))
         thicknesses = np.column_stack([widths[order] + 3, widths[order]])
@@ -178,11 +171,6 @@ class StaggeredScene(Scene):
         self._bodies.set_color(shown)
         self._axes.view_init(elev=math.degrees(_ELEVATION), azim=math.degrees(azimuth))
         self._space_time.show(frame)
-
-    def _looks(self) -> tuple[Array, list[str]]:
-        counts = [self._chain.number_of_rotors] * 3 + [self._chain.number_of_springs]
-        colours: list[str] = np.repeat([colour for _, colour, _ in _BODIES], counts).tolist()
-        return np.repeat([width for _, _, width in _BODIES], counts), colours
 
     def _add_legend(self) -> None:
         lines = [

@@ -14,9 +14,17 @@ from soliton_linkage.linear.statics import stiffness_matrix
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage_studies.captions import LINKAGE, MODE, description
 from soliton_linkage_studies.drawing import ChainPicture, limits
-from soliton_linkage_studies.films.scenes import BOTTOM, LEFT, TOP, WIDTH, Format, Scene, film_kind
+from soliton_linkage_studies.films.scenes import (
+    BOTTOM,
+    FILM_KINDS,
+    LEFT,
+    TOP,
+    WIDTH,
+    Format,
+    Scene,
+)
 from soliton_linkage_studies.palette import BLUE, GREEN, RED
-from soliton_linkage_studies.settings import Section
+from soliton_linkage_studies.settings import Section, setting
 
 _SMALLEST_SWING = 1e-5
 """Smallest amplitude on the vertical axis [rad]."""
@@ -29,27 +37,23 @@ class Insulation:
     """Settings of a film of the zero mode, and of rotor 0 driven at two frequencies."""
 
     chain: Chain
-    swing: float
-    """Largest amplitude of a rotor in the zero mode, and amplitude of the driven rotor [rad]."""
-    drives: tuple[float, ...]
-    """Angular frequencies of both drives, divided by the gap frequency [1]."""
     duration: float
     """Duration of the motion [s]."""
+    swing: float = setting('amplitude of zero mode and of driven rotor', 'rad', 1e-3, 0.5)
+    drives: tuple[float, ...] = setting('frequencies of both drives / gap', '1', 0.01, 100.0)
 
     @staticmethod
     def read(section: Section) -> Insulation:
         """Read the settings. In the file the duration is in time units sqrt(M / k_e)."""
-        section.check_keys('chain', 'swing', 'drives', 'duration')
         chain = section.chain()
-        drives = section.numbers('drives', 0.01, 100.0)
-        if len(drives) != 2:
+        duration = section.number('duration', 1e-3, 1e6) * chain.time_unit
+        values = section.values_of(Insulation, 'chain', 'duration')
+        if len(values['drives']) != 2:
             raise section.error('drives', 'must be two numbers; give one below 1 and one above')
-        duration = section.number('duration', 1e-3, 1e6)
-        swing = section.number('swing', 1e-3, 0.5)
-        return Insulation(chain, swing, drives, duration * chain.time_unit)
+        return Insulation(chain, duration, **values)
 
 
-@film_kind('insulator', Insulation.read)
+@FILM_KINDS.add('insulator')
 class InsulatorScene(Scene):
     """Scene of three right-leaning chains: zero mode, drive in the gap, drive above the gap."""
 
@@ -59,6 +63,7 @@ class InsulatorScene(Scene):
     Bottom: amplitude of each rotor in the three motions against its position, on a logarithmic
     scale. The green line decays by a factor of e per penetration depth ℓ from the last rotor.
     """
+    settings = Insulation
 
     def __init__(self, title: str, motion: Insulation, shape: Format) -> None:
         chain = motion.chain

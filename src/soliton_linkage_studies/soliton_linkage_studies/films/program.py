@@ -10,7 +10,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -40,8 +40,7 @@ class Film:
 
     name: str
     kind: str
-    make: Callable[[str, Any, Format], Scene]
-    """Function that makes the scene from `title`, `motion` and `shape`."""
+    scene: type[Scene]
     title: str
     motion: Any
     """Settings of the motion; the type depends on the kind of film."""
@@ -61,10 +60,10 @@ def read_films(settings: Section) -> list[Film]:
         kind = section.text('kind', tuple(sorted(FILM_KINDS)))
         frames = max(round(frame_rate * section.number('playing_time', 0.1, 3600.0)), 2)
         of_motion = {key: section.values[key] for key in section.values if key not in _OF_FILMS}
-        read, make = FILM_KINDS[kind]
-        motion = read(replace(section, values=of_motion))
+        scene = FILM_KINDS[kind]
+        motion = scene.settings.read(replace(section, values=of_motion))
         shape = Format(frames, frame_rate, width, height)
-        films.append(Film(name, kind, make, section.text('title'), motion, shape))
+        films.append(Film(name, kind, scene, section.text('title'), motion, shape))
     return films
 
 
@@ -76,7 +75,9 @@ def resized(film: Film, width: int, height: int, most_frames: int | None = None)
 
 def scene_of(film: Film) -> Scene:
     """Simulate the motion of a film and draw its first frame."""
-    return film.make(film.title, film.motion, film.shape)
+    make: Any = film.scene
+    made: Scene = make(film.title, film.motion, film.shape)
+    return made
 
 
 _CODEC = 'libx264'

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -22,7 +22,6 @@ from soliton_linkage.solitons.tanh_fit import find_solitons
 from soliton_linkage_studies.drawing import limits, show_leans
 from soliton_linkage_studies.palette import BLACK, BLUE, DARK, GREY, PALE, WHITE
 from soliton_linkage_studies.program import Registry
-from soliton_linkage_studies.settings import Section
 
 INCHES_HIGH = 7.2
 """Height of every figure [inches], to which font sizes are relative."""
@@ -71,6 +70,8 @@ class Scene(ABC):
 
     caption: ClassVar[str] = ''
     """Explanation of the symbols, lines and colours that have no label in the film."""
+    settings: ClassVar[Any]
+    """Class whose method `read` reads a `Section` and returns the argument `motion`."""
 
     def __init__(
         self, title: str, subtitle: str, shape: Format, duration: float, time_unit: float
@@ -228,18 +229,5 @@ def stacked(figure: Figure, chain: Chain, shares: tuple[float, ...]) -> list[Axe
     return axes
 
 
-AnyScene = TypeVar('AnyScene', bound=type[Scene])
-
-FILM_KINDS: Registry[tuple[Callable[[Section], Any], Callable[[str, Any, Format], Scene]]]
-FILM_KINDS = Registry()
-"""For each kind of film: the reader of its settings, and the constructor of its scene."""
-
-
-def film_kind(name: str, read: Callable[[Section], Any]) -> Callable[[AnyScene], AnyScene]:
-    """Return a decorator that registers a scene class and the reader of its settings."""
-
-    def added(scene: AnyScene) -> AnyScene:
-        FILM_KINDS.add(name)((read, scene))
-        return scene
-
-    return added
+FILM_KINDS: Registry[type[Scene]] = Registry()
+"""Class of the scene for each kind of film."""

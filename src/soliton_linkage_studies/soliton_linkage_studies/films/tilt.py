@@ -24,6 +24,7 @@ from soliton_linkage_studies.drawing import (
 )
 from soliton_linkage_studies.films.scenes import (
     BOTTOM,
+    FILM_KINDS,
     LEFT,
     SPACE_TIME,
     TOLERANCE,
@@ -32,10 +33,9 @@ from soliton_linkage_studies.films.scenes import (
     Format,
     Scene,
     SpaceTime,
-    film_kind,
 )
 from soliton_linkage_studies.palette import BLACK, GREY
-from soliton_linkage_studies.settings import Section
+from soliton_linkage_studies.settings import Section, setting
 
 
 @dataclass(frozen=True)
@@ -43,28 +43,25 @@ class Tilting:
     """Settings of rigid bars under gravity; the tilt varies linearly between the given times."""
 
     chain: Chain
-    times: tuple[float, ...]
-    """Times of the given tilts [s]; the first time is 0."""
-    tilts: tuple[float, ...]
-    """Tilt from the horizontal at each time [rad], positive if the last rotor is lower."""
     acceleration: float
     """Gravitational acceleration [m/s^2]."""
+    times: tuple[float, ...] = setting('times of the tilts, from 0 on', 's', 0.0, 1e4)
+    tilts: tuple[float, ...] = setting('tilts; above 0: last rotor low', 'rad', -math.pi, math.pi)
 
     @staticmethod
     def read(section: Section) -> Tilting:
         """Read the settings."""
-        section.check_keys('chain', 'times', 'tilts', 'gravity')
-        times = section.numbers('times', 0.0, 1e4)
+        values = section.values_of(Tilting, 'chain', 'gravity')
+        times, tilts = values['times'], values['tilts']
         if times[0] != 0 or len(times) < 2 or np.min(np.diff(times)) <= 0:
             raise section.error('times', 'must increase from 0; sort them')
-        tilts = section.numbers('tilts', -math.pi, math.pi)
         if len(tilts) != len(times):
             raise section.error('tilts', f'must be {len(times)} numbers; give one for each time')
         acceleration = section.number('gravity', 0.0, 1e3, 9.81)
-        return Tilting(section.chain(), times, tilts, acceleration)
+        return Tilting(section.chain(), acceleration, times, tilts)
 
 
-@film_kind('tilt', Tilting.read)
+@FILM_KINDS.add('tilt')
 class TiltScene(Scene):
     """Scene of a left-leaning linkage that is tilted back and forth under gravity."""
 
@@ -74,6 +71,7 @@ class TiltScene(Scene):
     {SPACE_TIME} To its right, the grey line is the tilt of the linkage over time and the black dot
     is the current tilt.
     """
+    settings = Tilting
 
     def __init__(self, title: str, motion: Tilting, shape: Format) -> None:
         chain = motion.chain
