@@ -3,7 +3,7 @@
 
 from chains import SPINNER, chain_of
 
-from soliton_linkage_studies.captions import class_and_shape, description, parameters, shape
+from soliton_linkage_studies.drawing import class_and_shape, description, parameters, shape
 
 CHAIN = chain_of(SPINNER, 20)
 

@@ -16,7 +16,7 @@ from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.orbit.deviating_orbit import orbit_of
 from soliton_linkage_studies.accuracy.walls import nearest_arc
 from soliton_linkage_studies.waves import program
-from soliton_linkage_studies.waves.runs import (
+from soliton_linkage_studies.waves.program import (
     Burst,
     WaveTask,
     energy_per_rotor,

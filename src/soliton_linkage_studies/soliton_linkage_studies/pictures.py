@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of a recording: its kymograph and the track of its soliton."""
+"""Pictures of a recording, of an identification, and of the check of a rig."""
 
 from __future__ import annotations
 
+import html
+import io
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,13 +15,14 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 
+from soliton_linkage.identification.rig_check import DOUBTFUL, RIGHT, WRONG, RigFindings
 from soliton_linkage.linkage.chain import Array, Chain, displacement
 from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.solitons.track import Crossing, Track
 from soliton_linkage_studies import palette
-from soliton_linkage_studies.captions import description
-from soliton_linkage_studies.drawing import show_leans
+from soliton_linkage_studies.drawing import description, show_leans
 from soliton_linkage_studies.figure_report import save_caption, save_figure
+from soliton_linkage_studies.palette import BLUE, GREEN, ORANGE, RED
 
 if TYPE_CHECKING:  # the demo does not compile the loops of the identification
     from soliton_linkage.identification.result import Identification
@@ -241,3 +245,38 @@ def _draw_bonds(axes: Axes, found: Identification) -> None:
     axes.set(ylabel='noise estimated from each bond [rad]', ylim=(0, 1.15 * top))
     axes.set_xlabel('rotor n [1]')
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+
+
+_PAGE = """<!DOCTYPE html>
+<html lang="en"><meta charset="utf-8"><title>Check of the rig</title>
+<style>body {{font: 16px/1.4 sans-serif; max-width: 60em; margin: 2em auto; padding: 0 1em}}
+td {{padding: .3em .8em .3em 0; vertical-align: top}} svg {{max-width: 100%; height: auto}}</style>
+<h1>Check of the rig: {verdict}</h1><p>{chain}; joints {joints}.</p>
+<table>{rows}</table>{picture}</html>
+"""
+
+
+def rig_page(found: RigFindings, names: Sequence[str], chain: str) -> str:
+    """Return the page as HTML; `names` are the joint names and `chain` describes the chain."""
+    colours = {RIGHT: GREEN, DOUBTFUL: ORANGE, WRONG: RED}
+    rows = ''.join(
+        f'<tr><td style="color:{colours[each.verdict]}"><b>{each.verdict}</b></td>'
+        f'<td>{each.subject}</td><td>{html.escape(each.text)}</td></tr>\n'
+        for each in found.findings
+    )
+    figure = Figure(figsize=(9, 4.5), layout='constrained')
+    above, below = figure.subplots(2, 1, sharex=True)
+    above.bar(np.arange(len(found.noise)), found.noise, color=BLUE)
+    above.set(ylabel='noise [rad]')
+    below.bar(np.arange(len(found.stretches)) + 0.5, 100 * found.stretches, color=BLUE)
+    below.set(xlabel='rotor n [1]', ylabel='bond length minus\nconfigured length [%]')
+    below.xaxis.set_major_locator(MaxNLocator(integer=True))
+    picture = io.StringIO()
+    figure.savefig(picture, format='svg', metadata={'Date': None})
+    return _PAGE.format(
+        verdict='nothing is wrong' if found.sound else 'something is wrong',
+        chain=html.escape(chain[:1].upper() + chain[1:]),
+        joints=html.escape(f'{names[0]} to {names[-1]}'),
+        rows=rows,
+        picture=picture.getvalue().partition('?>')[2].partition('.dtd">')[2],
+    )

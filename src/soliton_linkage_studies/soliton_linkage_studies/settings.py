@@ -75,7 +75,10 @@ class Section:
         described = described_fields(kind)
         self.check_keys(*more, *described)
         types = {field.name: field.type for field in fields(kind)}
-        readers = {'int': self.whole_number, 'tuple[float, ...]': self.numbers}
+        readers: dict[Any, Any] = {
+            'int': self.whole_number,
+            'tuple[float, ...]': self.numbers,
+        }
         return {
             name: readers.get(types[name], self.number)(name, one.minimum, one.maximum)
             for name, one in described.items()

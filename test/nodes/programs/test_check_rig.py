@@ -15,7 +15,7 @@ from soliton_linkage_msgs.msg import RotorImpulses
 from soliton_linkage_nodes.programs.check_rig import CheckRig
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.simulator.node import Simulator
-from soliton_linkage_studies.rig_page import rig_page
+from soliton_linkage_studies.pictures import rig_page
 
 ROTORS = 6
 DAMPED = {

@@ -10,7 +10,7 @@ from soliton_linkage.solitons.passage import blocked_bonds
 from soliton_linkage.vision.angle_camera import AngleCamera
 from soliton_linkage.vision.layout import MarkerLayout, MarkerSettings
 from soliton_linkage_studies.camera import filmed_bench, runs
-from soliton_linkage_studies.camera.filmed_bench import BenchParameters, FilmedBench
+from soliton_linkage_studies.camera.runs import BenchParameters, FilmedBench
 
 PLAN = Chain(6, 0.1, 0.05, 0.97)
 BENCH = FilmedBench(PLAN, MarkerSettings(), BenchParameters(seed=3, duration=0.5))

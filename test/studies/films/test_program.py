@@ -27,9 +27,14 @@ from soliton_linkage.linear.statics import stiffness_matrix
 from soliton_linkage.linkage.chain import Chain, Motion, staggered
 from soliton_linkage_studies import program
 from soliton_linkage_studies.films import program as films_program
-from soliton_linkage_studies.films.cell import CellScene
-from soliton_linkage_studies.films.cycle import CycleScene, StaggeredScene, from_behind, layered
-from soliton_linkage_studies.films.insulator import driven
+from soliton_linkage_studies.films.cycle import (
+    CycleScene,
+    StaggeredScene,
+    TiltScene,
+    from_behind,
+    layered,
+)
+from soliton_linkage_studies.films.insulator import CellScene, driven
 from soliton_linkage_studies.films.program import (
     FileKind,
     Film,
@@ -42,7 +47,6 @@ from soliton_linkage_studies.films.program import (
     write_film,
 )
 from soliton_linkage_studies.films.scenes import FILM_KINDS, STYLE, static_profile
-from soliton_linkage_studies.films.tilt import TiltScene
 from soliton_linkage_studies.settings import load_settings
 
 CONFIG = Path(__file__).parents[3] / 'config/studies/films.yaml'

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from soliton_linkage.linkage.chain import Chain, Motion
 from soliton_linkage_studies.palette import BLUE, MOTION_COLOURS, RED
 from soliton_linkage_studies.sweep.config import Axis, SweepStudy
-from soliton_linkage_studies.sweep.pictures import (
+from soliton_linkage_studies.sweep.program import (
     class_label,
     draw_sweep,
     numbers,

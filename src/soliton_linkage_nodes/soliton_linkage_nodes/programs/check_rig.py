@@ -60,7 +60,7 @@ from soliton_linkage_nodes.runtime.parameters import declare, reject_unknown
 from soliton_linkage_nodes.runtime.process import spin_until
 from soliton_linkage_nodes.runtime.stamps import SECOND, nanoseconds_of
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription
-from soliton_linkage_studies.rig_page import rig_page
+from soliton_linkage_studies.pictures import rig_page
 
 _CHAIN_WAIT = 3.0
 """Longest wait for a message on the topic chain after the first frame [s]."""

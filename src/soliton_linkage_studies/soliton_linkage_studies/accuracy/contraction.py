@@ -20,7 +20,7 @@ from soliton_linkage.linear.bands import speed_of_sound
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.solitons.static_wall import static_wall
 from soliton_linkage.solitons.tanh_fit import find_solitons
-from soliton_linkage_studies.captions import class_and_shape
+from soliton_linkage_studies.drawing import class_and_shape
 from soliton_linkage_studies.experiments import crossing_duration, first_passage, record_kick
 from soliton_linkage_studies.figure_report import Comparison, FigureReport, Formula, write_table
 from soliton_linkage_studies.palette import BLACK, MEASURED, PAPER

@@ -17,8 +17,7 @@ from matplotlib.lines import Line2D
 from soliton_linkage.linkage.chain import Array, Chain, Motion
 from soliton_linkage_studies.accuracy.estimators import ESTIMATORS, ORBIT_COLD
 from soliton_linkage_studies.accuracy.statistics import Line, Row
-from soliton_linkage_studies.captions import class_and_shape
-from soliton_linkage_studies.drawing import LEGEND_ABOVE
+from soliton_linkage_studies.drawing import LEGEND_ABOVE, class_and_shape
 from soliton_linkage_studies.figure_report import FigureReport
 from soliton_linkage_studies.palette import (
     BLACK,

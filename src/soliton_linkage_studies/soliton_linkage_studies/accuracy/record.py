@@ -24,7 +24,7 @@ from matplotlib.figure import Figure
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 from soliton_linkage_studies.accuracy.estimators import bound, orbit_of
-from soliton_linkage_studies.captions import class_and_shape
+from soliton_linkage_studies.drawing import class_and_shape
 from soliton_linkage_studies.figure_report import FigureReport, save_page
 from soliton_linkage_studies.palette import MEASURED, RED, THEORY
 from soliton_linkage_studies.settings import Section, setting

@@ -17,7 +17,7 @@ from soliton_linkage.dynamics.rigid import RigidSimulation
 from soliton_linkage.linear.rigidity import mode_towards_last
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.gravity import Gravity
-from soliton_linkage_studies.captions import class_and_shape
+from soliton_linkage_studies.drawing import class_and_shape
 from soliton_linkage_studies.figure_report import FigureReport, save_page
 from soliton_linkage_studies.palette import GREY, MARKERS, chain_colours
 from soliton_linkage_studies.settings import Section, setting

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage_studies.accuracy.cells import CELL_COLUMNS, AccuracyCell, cell_values
-from soliton_linkage_studies.captions import class_and_shape
+from soliton_linkage_studies.drawing import class_and_shape
 from soliton_linkage_studies.sweep.table import markdown_table
 
 _FAILURES = ('lost', 'false', 'wrong_leg')

@@ -19,7 +19,6 @@ from matplotlib.lines import Line2D
 
 from soliton_linkage.linkage.chain import Array, Motion
 from soliton_linkage_studies import palette
-from soliton_linkage_studies.captions import parameters
 from soliton_linkage_studies.collisions.runs import (
     INITIAL_DISTANCE,
     Collision,
@@ -36,7 +35,7 @@ from soliton_linkage_studies.collisions.study import (
     read_row,
     series_of,
 )
-from soliton_linkage_studies.drawing import LEGEND_ABOVE, PIXELS
+from soliton_linkage_studies.drawing import LEGEND_ABOVE, PIXELS, parameters
 from soliton_linkage_studies.figure_report import FigureReport
 from soliton_linkage_studies.program import study_command
 from soliton_linkage_studies.settings import load_settings

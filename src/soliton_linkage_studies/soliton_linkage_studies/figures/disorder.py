@@ -11,8 +11,7 @@ from matplotlib.figure import Figure
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.deviations import drawn_deviations
 from soliton_linkage.solitons.passage import blocked_bonds
-from soliton_linkage_studies.captions import parameters
-from soliton_linkage_studies.drawing import LEGEND_ABOVE
+from soliton_linkage_studies.drawing import LEGEND_ABOVE, parameters
 from soliton_linkage_studies.figure_report import FigureReport
 from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.measures import OUTCOMES, SweepTrial, measure_survival

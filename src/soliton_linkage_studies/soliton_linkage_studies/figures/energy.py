@@ -14,7 +14,7 @@ from soliton_linkage.linear.bands import largest_group_velocity, penetration_dep
 from soliton_linkage.linear.statics import equilibrium
 from soliton_linkage.linkage.chain import Array, Chain, staggered
 from soliton_linkage.solitons.continuum import FlipperTheory, WallTheory, wall_theory
-from soliton_linkage_studies.captions import parameters
+from soliton_linkage_studies.drawing import parameters
 from soliton_linkage_studies.experiments import first_passage, record_moving_wall, wall_positions
 from soliton_linkage_studies.figure_report import FigureReport, Formula, chain_formula
 from soliton_linkage_studies.figures import FIGURES

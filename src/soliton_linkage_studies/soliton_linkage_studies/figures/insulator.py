@@ -14,8 +14,15 @@ from soliton_linkage.linear.normal_modes import mode_frequencies
 from soliton_linkage.linear.rigidity import mode_centre, zero_mode
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.solitons.static_wall import static_wall
-from soliton_linkage_studies.captions import LINKAGE, MODE, PROJECTIONS, parameters
-from soliton_linkage_studies.drawing import ChainPicture, add_legend, expand_limits
+from soliton_linkage_studies.drawing import (
+    LINKAGE,
+    MODE,
+    PROJECTIONS,
+    ChainPicture,
+    add_legend,
+    expand_limits,
+    parameters,
+)
 from soliton_linkage_studies.figure_report import FigureReport, chain_formula
 from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.palette import GREY, MARKERS, chain_colours

@@ -16,7 +16,7 @@ from soliton_linkage.linear.bands import penetration_depth, speed_of_sound
 from soliton_linkage.linkage.chain import Chain, Motion, staggered
 from soliton_linkage.solitons.static_wall import site_arc, static_wall
 from soliton_linkage.solitons.tanh_fit import find_solitons
-from soliton_linkage_studies.captions import shape
+from soliton_linkage_studies.drawing import shape
 from soliton_linkage_studies.experiments import (
     DISTANCE_LABEL,
     SNAPSHOTS,

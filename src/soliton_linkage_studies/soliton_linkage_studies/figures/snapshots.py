@@ -16,8 +16,15 @@ from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 from soliton_linkage.solitons.static_wall import site_arc
 from soliton_linkage.solitons.tanh_fit import order_field
 from soliton_linkage.solitons.track import Crossing, Track, find_crossings, follow
-from soliton_linkage_studies.captions import LINKAGE, MODE, PROJECTIONS, description
-from soliton_linkage_studies.drawing import ChainPicture, add_legend, expand_limits
+from soliton_linkage_studies.drawing import (
+    LINKAGE,
+    MODE,
+    PROJECTIONS,
+    ChainPicture,
+    add_legend,
+    description,
+    expand_limits,
+)
 from soliton_linkage_studies.experiments import record_kick
 from soliton_linkage_studies.figure_report import FigureReport, chain_formula
 from soliton_linkage_studies.figures import FIGURES

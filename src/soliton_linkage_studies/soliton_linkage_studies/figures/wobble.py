@@ -15,7 +15,7 @@ from soliton_linkage.linear.bands import penetration_depth
 from soliton_linkage.linear.rigidity import mode_towards_last
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.solitons.static_wall import site_arc, static_wall
-from soliton_linkage_studies.captions import shape
+from soliton_linkage_studies.drawing import shape
 from soliton_linkage_studies.experiments import (
     DISTANCE_LABEL,
     SNAPSHOTS,

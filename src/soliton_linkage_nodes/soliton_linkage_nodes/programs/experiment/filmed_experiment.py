@@ -31,8 +31,7 @@ from soliton_linkage_nodes.programs.film_encoders import FilmSummary, film_to_ba
 from soliton_linkage_nodes.programs.identify_chain import identify_bags, summary
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import SECOND
-from soliton_linkage_studies.camera.filmed_bench import BenchParameters, FilmedBench
-from soliton_linkage_studies.camera.runs import CAMERA
+from soliton_linkage_studies.camera.runs import CAMERA, BenchParameters, FilmedBench
 
 _DEVIATIONS = interfaces.JOINT_STATE_DEVIATIONS.name
 _FROM_EDGES = 4.0
