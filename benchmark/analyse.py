@@ -18,33 +18,29 @@ from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 
 import numpy as np
+import processes
 import rclpy
 from analyse_costs import figures_of, records, times_of
-from comparison import Comparison, Figure, Part, parser, write
-from processes import node_command, own_domain, processor_time, running, take_all, until
+from comparison import Comparison, Figure, Part, parse, parser, write
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.serialization import deserialize_message
-from rclpy.subscription import Subscription
 from scipy.optimize import curve_fit
 from sensor_msgs.msg import JointState
+from wall_bag import RATE, SECOND, START, NoisyWall, named_chain
 
 from soliton_linkage.linkage.chain import Array, Chain
-from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 from soliton_linkage.progress import ProgressLine
+from soliton_linkage.solitons.static_wall import site_arc
 from soliton_linkage_msgs.msg import Soliton, SolitonState
 from soliton_linkage_nodes.messages.cdr import JointStateBuffer
-from soliton_linkage_nodes.messages.conversions import NamedChain, default_joint_names
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.soliton_analyser.node import SolitonAnalyser
 
 PEER = 'curve_fit of a tanh'
 PEER_TOPIC = 'tanh_fit'
-RATE = 1000.0
 SPEED = 5.0
-NOISE = 0.01
-START = 10**18
 IN_USE = 1000
 PATIENCE = 5.0
 POLL = 0.005
@@ -62,34 +58,15 @@ class Run:
     error: float
 
 
-class Frames:
-    """Joint states of a flipper chain with a wall at constant velocity in the middle half."""
-
-    def __init__(self, rotors: int, count: int) -> None:
-        self.chain = Chain(number_of_rotors=rotors)
-        self._orbit = UniformOrbit(self.chain)
-        self._buffer = JointStateBuffer(NamedChain(self.chain, default_joint_names(rotors)))
-        self._arc = self._orbit.arc_at(rotors / 4, 0)
-        slow = min(SPEED / RATE, rotors / 2 / count)
-        self._step = slow * self._orbit.site_arc_at(self._arc)
-        self._generator = np.random.default_rng(1)
-        self._stamp = START
-        self._count = count
-
-    def __iter__(self) -> Iterator[tuple[bytes, float]]:
-        """Yield each frame and the position of its wall [rotor spacings]."""
-        rotors = self.chain.number_of_rotors
-        effort = np.zeros(rotors)
-        before = self._orbit.configuration(self._arc)
-        for _ in range(self._count):
-            self._arc += self._step
-            self._stamp += round(1e9 / RATE)
-            angles = self._orbit.configuration(self._arc)
-            rates = (angles - before) * RATE
-            before = angles
-            noise = NOISE * self._generator.standard_normal((2, rotors))
-            frame = self._buffer.write(self._stamp, angles + noise[0], rates + noise[1], effort)
-            yield frame, self._orbit.site(self._arc)
+def frames_of(rotors: int, count: int) -> Iterator[tuple[bytes, float]]:
+    """Yield joint states of a wall in mid-chain, with its position [rotor spacings]."""
+    chain, still = named_chain(rotors), np.zeros(rotors)
+    spacings = min(SPEED, rotors / 2 * RATE / count)
+    wall = NoisyWall(rotors, begin=rotors / 4, rate=spacings * site_arc(chain.chain))
+    buffer = JointStateBuffer(chain)
+    for number in range(count):
+        stamp = START + number * SECOND // RATE
+        yield buffer.write(stamp, *wall.frame(number), still), wall.position(number)
 
 
 class TanhFit:
@@ -132,10 +109,7 @@ class StateQueue:
     """Queue of the messages on a topic of soliton states."""
 
     def __init__(self, node: Node, topic: str) -> None:
-        qos = interfaces.SOLITON_STATE.qos
-        self.subscription: Subscription = node.create_subscription(
-            SolitonState, topic, lambda _: None, qos, raw=True
-        )
+        self.subscription = processes.raw_subscription(node, interfaces.SOLITON_STATE, topic)
         self.last = math.nan
         """Time at which a message was last taken from the queue [s]."""
 
@@ -145,7 +119,7 @@ class StateQueue:
 
     def drain(self) -> list[bytes]:
         """Return all waiting messages."""
-        taken = [message for message, _ in take_all(self.subscription)]
+        taken = [message for message, _ in processes.take_all(self.subscription)]
         if taken:
             self.last = time.perf_counter()
         return taken
@@ -163,8 +137,14 @@ class StateQueue:
 
 
 def main() -> None:
-    arguments = parse_arguments()
-    with own_domain():
+    made = parser(__doc__)
+    made.add_argument('--rotors', type=int, nargs='+', help='lengths of the chains')
+    made.add_argument('--seconds', type=float, help='duration of the frames sent to the node [s]')
+    made.add_argument('--frames', type=int, help='number of frames in each record')
+    sizes = [20, 100], [20, 100, 1000, 10000]
+    usual = {'rounds': (2, 7), 'rotors': sizes, 'frames': (20, 3000), 'seconds': (1.0, 10.0)}
+    arguments = parse(made, **usual)
+    with processes.own_domain():
         node = rclpy.create_node('benchmark')
         runs = {rotors: compared(node, rotors, arguments) for rotors in arguments.rotors}
         used = in_use(node, arguments.seconds)
@@ -174,47 +154,29 @@ def main() -> None:
     write(part(runs, used, costs), arguments.output)
 
 
-def parse_arguments() -> argparse.Namespace:
-    made = parser(__doc__)
-    made.add_argument('--rotors', type=int, nargs='+', help='lengths of the chains')
-    made.add_argument('--seconds', type=float, help='duration of the frames sent to the node [s]')
-    made.add_argument('--frames', type=int, help='number of frames in each record')
-    arguments = made.parse_args()
-    arguments.rounds = arguments.rounds or (2 if arguments.quick else 7)
-    arguments.rotors = arguments.rotors or (
-        [20, 100] if arguments.quick else [20, 100, 1000, 10000]
-    )
-    arguments.frames = arguments.frames or (20 if arguments.quick else 3000)
-    arguments.seconds = arguments.seconds or (1.0 if arguments.quick else 10.0)
-    return arguments
-
-
 def compared(node: Node, rotors: int, arguments: argparse.Namespace) -> dict[str, list[Run]]:
     """Return the rounds of both estimators for a chain, except the first round."""
     size = min(max(ROTORS_A_ROUND // rotors, LEAST_A_ROUND), MOST_A_ROUND)
     size = LEAST_A_ROUND if arguments.quick else size
-    frames = Frames(rotors, size * (arguments.rounds + 1))
+    source = frames_of(rotors, size * (arguments.rounds + 1))
     analyser = SolitonAnalyser(
         parameter_overrides=[
             Parameter('chain_from', value='parameters'),
             Parameter('chain.number_of_rotors', value=rotors),
         ]
     )
-    sides = {'theirs': TanhFit(node, frames.chain), 'ours': analyser}
+    sides = {'theirs': TanhFit(node, Chain(number_of_rotors=rotors)), 'ours': analyser}
     states = {
         'theirs': StateQueue(node, PEER_TOPIC),
         'ours': StateQueue(node, interfaces.SOLITON_STATE.name),
     }
-    until(lambda: all(each.has_publisher() for each in states.values()), 'publishers')
+    processes.until(lambda: all(each.has_publisher() for each in states.values()), 'publishers')
     runs: dict[str, list[Run]] = {'theirs': [], 'ours': []}
-    source = iter(frames)
-    progress = ProgressLine(f'{rotors} rotors', arguments.rounds + 1)
-    for done in range(arguments.rounds + 1):
-        given = [next(source) for _ in range(size)]
+    ended = f'rounds of {size} frames'
+    for _ in processes.tracked(range(arguments.rounds + 1), f'{rotors} rotors', f'{{}} {ended}'):
+        given = list(itertools.islice(source, size))
         for name, side in sides.items():
             runs[name].append(run(side.take, states[name], given))
-        progress.show(done + 1)
-    progress.end(f'{rotors} rotors: {arguments.rounds} rounds of {size} frames')
     analyser.destroy_node()
     for each in states.values():
         node.destroy_subscription(each.subscription)
@@ -241,18 +203,15 @@ def in_use(node: Node, seconds: float) -> dict[str, float]:
     states = StateQueue(node, interfaces.SOLITON_STATE.name)
     topic = interfaces.JOINT_STATES
     publisher = node.create_publisher(topic.type, topic.name, topic.qos)
-    warm, count = round(RATE), round(seconds * RATE)
-    source = iter(Frames(IN_USE, warm + count))
-    with running(node_command('soliton_analyser', settings)) as process:
-        until(
-            lambda: publisher.get_subscription_count() and states.has_publisher(),
-            'analyser',
-            process,
-        )
+    warm, count = RATE, round(seconds * RATE)
+    source = frames_of(IN_USE, warm + count)
+    with processes.running(processes.node_command('soliton_analyser', settings)) as process:
+        processes.until(publisher.get_subscription_count, 'analyser', process)
+        processes.until(states.has_publisher, 'publisher of the states', process)
         send(publisher, states, source, warm, 'first second')
-        start, cpu = time.perf_counter(), processor_time(process.pid)
+        start, cpu = time.perf_counter(), processes.processor_time(process.pid)
         analysed = send(publisher, states, source, count, f'{IN_USE} rotors at {RATE:g} Hz')
-        cpu, wall = processor_time(process.pid) - cpu, states.last - start
+        cpu, wall = processes.processor_time(process.pid) - cpu, states.last - start
     return {'sent': count, 'analysed': analysed, 'seconds': wall, 'cpu': cpu}
 
 

@@ -10,13 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from comparison import Figure
+from processes import tracked
 
 from soliton_linkage.dynamics.elastic import simulate
 from soliton_linkage.estimation.analyser import Analyser
 from soliton_linkage.linear.rigidity import mode_towards_last
 from soliton_linkage.linkage.chain import Array, Chain, staggered
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
-from soliton_linkage.progress import ProgressLine
 
 WALLS = (2, 4, 8)
 """Numbers of walls on a ring [1], which are always even."""
@@ -62,17 +62,15 @@ def records(lengths: Iterable[int], frames: int) -> list[Record]:
 def times_of(record: Record) -> list[float]:
     """Return the processor time of each frame [s], except the first frames."""
     analyser, times = Analyser(record.chain), []
-    progress = ProgressLine(record.name, len(record.angles))
     rates = np.gradient(record.angles, 1e-9 * PERIOD, axis=0)
-    for number, (angles, rate) in enumerate(zip(record.angles, rates, strict=True)):
+    frames = zip(record.angles, rates, strict=True)
+    for number, (angles, rate) in tracked(enumerate(frames), record.name, '{} frames'):
         begin = time.thread_time()
         found = analyser.analyse(number * PERIOD, angles, rate)
         times.append(time.thread_time() - begin)
         counted = len(found.solitons) if found else 0
         if record.walls is not None and counted != record.walls:
             raise RuntimeError(f'{record.name}: {counted} walls were found in frame {number}')
-        progress.show(number)
-    progress.end(f'{record.name}: {len(times)} frames')
     return times[WARM:]
 
 

@@ -102,13 +102,20 @@ class Part:
         return '\n\n'.join(parts)
 
 
+def parse(made: argparse.ArgumentParser, **choices: tuple[Any, Any]) -> argparse.Namespace:
+    """Parse the command line; `choices` are the values of absent options, quick ones first."""
+    options = made.parse_args()
+    for name, (quick, usual) in choices.items():
+        setattr(options, name, getattr(options, name, None) or (quick if options.quick else usual))
+    return options
+
+
 def parser(description: str | None) -> argparse.ArgumentParser:
     """Return a parser with the options of all parts."""
     made = argparse.ArgumentParser(description=(description or '').partition('\n')[0])
     made.add_argument('--quick', action='store_true', help='small and short, for a first test')
-    made.add_argument(
-        '--rounds', type=int, help='number of rounds; in each, our program and the peer run once'
-    )
+    about = 'number of rounds; in each, our program and the peer run once'
+    made.add_argument('--rounds', type=int, help=about)
     made.add_argument('--output', type=Path, default=Path('out/benchmark.json'))
     return made
 

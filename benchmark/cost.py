@@ -8,8 +8,6 @@ process, the processor time of the thread that runs the callbacks, and the numbe
 
 from __future__ import annotations
 
-import argparse
-import math
 import tempfile
 import time
 from collections.abc import Iterator, Mapping
@@ -18,15 +16,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import processes
 import rclpy
-from many_chains import KICK, SETTLING, Chains, name
-from processes import node_command, own_domain, program_command, running, take_all, until
+from many_chains import SETTLING, Chains, kicked, kicked_parser, name
 
-from soliton_linkage.dynamics.elastic import simulate
-from soliton_linkage.linear.rigidity import Edge, edge_mode
-from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.recording import Recording
-from soliton_linkage_nodes.messages.conversions import NamedChain, default_joint_names
+from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import SECOND
 
@@ -77,10 +72,10 @@ def node_process(which: str) -> Iterator[int]:
             'bag_recorder': {'output': Path(folder, 'bag')},
             'live_view': {'port': 18_779},
         }.get(which, {})
-        command = [*node_command(which, settings), '-r', f'__ns:={name(0)}']
+        command = [*processes.node_command(which, settings), '-r', f'__ns:={name(0)}']
         if which == 'listener':
-            command = program_command(FOLDER / 'listener.py', f'{name(0)}/joint_states')
-        with running(command) as process:
+            command = processes.program_command(FOLDER / 'listener.py', f'{name(0)}/joint_states')
+        with processes.running(command) as process:
             yield process.pid
 
 
@@ -89,7 +84,7 @@ def of_node(which: str, named: NamedChain, moved: Recording, arguments: Any) -> 
     node = rclpy.create_node('cost')
     chains = Chains(node, named, moved, round(SECOND / arguments.rate), 1)
     with node_process(which) as process:
-        until(lambda: chains.subscribed, f'subscription of {which}')
+        processes.until(lambda: chains.subscribed, f'subscription of {which}')
         chains.publish(SETTLING)
         before = spent(process)
         frames, _ = chains.publish(arguments.seconds)
@@ -109,11 +104,13 @@ def of_simulator(listeners: int, arguments: Any) -> tuple[Spent, int]:
         'integrator': arguments.integrator,
         'subscribers': listeners,
     }
-    listener = program_command(FOLDER / 'listener.py', interfaces.JOINT_STATES.name)
+    listener = processes.program_command(FOLDER / 'listener.py', interfaces.JOINT_STATES.name)
     with ExitStack() as stack:
         for _ in range(listeners):
-            stack.enter_context(running(listener))
-        simulator = stack.enter_context(running(node_command('simulator', settings)))
+            stack.enter_context(processes.running(listener))
+        simulator = stack.enter_context(
+            processes.running(processes.node_command('simulator', settings))
+        )
         frame()
         time.sleep(SETTLING)
         begun, before = frame(), spent(simulator.pid)
@@ -125,9 +122,8 @@ def of_simulator(listeners: int, arguments: Any) -> tuple[Spent, int]:
 def frame() -> int:
     """Return the number of the frame that is published now."""
     node = rclpy.create_node('cost')
-    topic = interfaces.JOINT_STATES
-    inbox = node.create_subscription(topic.type, topic.name, print, topic.qos, raw=True)
-    _, info = until(lambda: take_all(inbox), topic.name)[0]
+    inbox = processes.raw_subscription(node, interfaces.JOINT_STATES)
+    _, info = processes.until(lambda: processes.take_all(inbox), 'joint_states')[0]
     node.destroy_node()
     return info['publication_sequence_number']
 
@@ -138,24 +134,15 @@ def row(what: str, taken: Spent, frames: int) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--rotors', type=int, default=100)
-    parser.add_argument('--rate', type=float, default=1000.0, help='[Hz]')
-    parser.add_argument('--seconds', type=float, default=5.0, help='duration of each measurement')
-    parser.add_argument('--rounds', type=int, default=1)
+    parser = kicked_parser(__doc__, rotors=100, rate=1000.0, seconds=5.0, rounds=1)
     parser.add_argument('--nodes', nargs='*', choices=NODES, default=NODES)
     parser.add_argument('--listeners', type=int, nargs='*', default=[0, 1, 6])
     parser.add_argument('--integrator', default='symplectic', help='integrator of the simulator')
     arguments = parser.parse_args()
-    chain = Chain(number_of_rotors=arguments.rotors)
-    rest = chain.uniform_state(-1)
-    rates = KICK * edge_mode(chain, rest, Edge.FIRST)
-    named = NamedChain(chain, default_joint_names(arguments.rotors))
-    duration = math.ceil(arguments.seconds + SETTLING)
-    moved = simulate(chain, rest, rates, duration, 1 / arguments.rate)
+    named, moved = kicked(arguments)
     print('| node | processor time per frame [µs] | first thread [µs] | waits per frame |')
     print('| --- | --- | --- | --- |')
-    with own_domain():
+    with processes.own_domain():
         for _ in range(arguments.rounds):
             for which in arguments.nodes:
                 print(row(which, *of_node(which, named, moved, arguments)), flush=True)

@@ -10,7 +10,6 @@ core. Compilation is not included.
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
 import time
@@ -19,7 +18,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from comparison import Comparison, Figure, Part, parser, write
+from comparison import Comparison, Figure, Part, parse, parser, write
 
 from soliton_linkage.dynamics.ensemble import simulate_many
 from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion
@@ -228,10 +227,8 @@ def main() -> None:
     made = parser(__doc__)
     made.add_argument('--rotors', type=int, nargs='*', default=[20, 40])
     made.add_argument('--chains', type=int, help='(1000; quick: 40)')
-    options: argparse.Namespace = made.parse_args()
-    count = options.chains or (40 if options.quick else 1000)
-    rounds = options.rounds or (2 if options.quick else 5)
-    parts = [measure(rotors, count, rounds) for rotors in options.rotors]
+    options = parse(made, chains=(40, 1000), rounds=(2, 5))
+    parts = [measure(rotors, options.chains, options.rounds) for rotors in options.rotors]
     comparisons = [each for found, _ in parts for each in found]
     figures = [each for _, found in parts for each in found]
     write(Part('ensemble', comparisons, figures), options.output)

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from comparison import Figure, Part, parser, write
+from comparison import Figure, Part, parse, parser, write
 from growth_memory import analyser_memory, simulator_memory
 from growth_work import WORKS, Work
 from processes import own_domain
@@ -42,16 +42,14 @@ def main() -> None:
     options.add_argument('--rotors', type=int, nargs='*', help=f'sizes {ROTORS}')
     options.add_argument('--frames', type=int, nargs='*', help=f'lengths of the bags {BAG_FRAMES}')
     options.add_argument('--no-memory', dest='memory', action='store_false')
-    arguments = options.parse_args()
-    quick = arguments.quick
-    sizes = sorted(arguments.rotors or (QUICK_ROTORS if quick else ROTORS))
-    rounds = arguments.rounds or (2 if quick else 5)
+    usual = {'rotors': (QUICK_ROTORS, ROTORS), 'frames': (QUICK_BAG_FRAMES, BAG_FRAMES)}
+    arguments = parse(options, rounds=(2, 5), **usual)
+    sizes = sorted(arguments.rotors)
     arguments.output.parent.mkdir(parents=True, exist_ok=True)
-    times = measured(sizes, rounds, QUICK_ROUND if quick else ROUND)
+    times = measured(sizes, arguments.rounds, QUICK_ROUND if arguments.quick else ROUND)
     figures = [*figures_of(times), *exponents(times)]
     if arguments.memory:
-        frames = arguments.frames or (QUICK_BAG_FRAMES if quick else BAG_FRAMES)
-        figures += memory(sizes[-1], frames, arguments.output.parent)
+        figures += memory(sizes[-1], arguments.frames, arguments.output.parent)
     draw(times, arguments.output.with_name('benchmark_growth.png'))
     write(Part('growth', figures=figures, details={'seconds': times}), arguments.output)
 

@@ -10,7 +10,7 @@ import tempfile
 from pathlib import Path
 
 import rclpy
-from processes import node_command, running, take_all, until
+from processes import node_command, raw_subscription, running, take_all, until
 from wall_bag import write_wall_bag
 
 from soliton_linkage_nodes.runtime import interfaces
@@ -29,10 +29,7 @@ print(Path('/proc/self/status').read_text())
 def simulator_memory(rotors: int) -> float:
     """Return the peak memory of a simulator with a moving soliton and a subscriber [B]."""
     node = rclpy.create_node('watcher')
-    topic = interfaces.JOINT_STATES
-    subscription = node.create_subscription(
-        topic.type, topic.name, lambda _: None, topic.qos, raw=True
-    )
+    subscription = raw_subscription(node, interfaces.JOINT_STATES)
     taken = 0
 
     def received() -> bool:

@@ -17,23 +17,21 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import rclpy
-from processes import node_command
+from processes import node_command, own_domain
 from rclpy.publisher import Publisher
+from wall_bag import named_chain
 
-from soliton_linkage.linkage.chain import Chain
 from soliton_linkage_nodes.bags.reading import open_bag, read_topic
 from soliton_linkage_nodes.bags.recovery import recover_bag
 from soliton_linkage_nodes.messages.cdr import JointStateBuffer
-from soliton_linkage_nodes.messages.conversions import NamedChain, default_joint_names
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.child_processes import private_domain
 from soliton_linkage_nodes.runtime.stamps import time_from_msg
 
 ROTORS = 40
@@ -67,14 +65,14 @@ def main() -> None:
     folder.mkdir(parents=True)
     chance = random.Random(arguments.seed)
     kills = []
-    with Load(arguments.load) as load:
+    with busy_processes(arguments.load) as send:
         for number in range(arguments.kills):
             given = {
                 'output': folder / str(number) / 'run',
                 'real_time': str(arguments.real_time).lower(),
             }
             command = list(map(str, node_command('bag_recorder', given)))
-            kill = killed(command, folder / str(number), chance.uniform(0, LATEST_KILL), load)
+            kill = killed(command, folder / str(number), chance.uniform(0, LATEST_KILL), send)
             kills.append(kill)
             print(f'{number}: {described(kill)}', flush=True)
     print(summary(kills, arguments.load))
@@ -85,9 +83,8 @@ def parse_arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--kills', type=int, default=50, help='(%(default)s)')
     parser.add_argument('--load', type=int, default=0, help='busy processes (%(default)s)')
-    parser.add_argument(
-        '--real-time', action='store_true', help='request real-time priority for the recorder'
-    )
+    about = 'request real-time priority for the recorder'
+    parser.add_argument('--real-time', action='store_true', help=about)
     parser.add_argument('--seed', type=int, default=1, help='(%(default)s)')
     parser.add_argument('--output', type=Path, default=Path('out/benchmark/killing'))
     return parser.parse_args()
@@ -112,107 +109,80 @@ def summary(kills: Sequence[Kill], load: int) -> str:
     )
 
 
-class Load:
-    """Processes that use all processors, except while they pause."""
+@contextmanager
+def busy_processes(number: int) -> Iterator[Callable[[signal.Signals], None]]:
+    """Start processes that use all processors; yield a function that sends a signal to them."""
+    command = [sys.executable, '-c', 'while True: pass']
+    processes = [subprocess.Popen(command) for _ in range(number)]
 
-    def __init__(self, number: int) -> None:
-        self._processes = [
-            subprocess.Popen([sys.executable, '-c', 'while True: pass']) for _ in range(number)
-        ]
-        self.pause()
+    def send(signal_number: signal.Signals) -> None:
+        for process in processes:
+            process.send_signal(signal_number)
 
-    def __enter__(self) -> Load:
-        return self
-
-    def __exit__(self, *_of_error: object) -> None:
-        for process in self._processes:
+    send(signal.SIGSTOP)
+    try:
+        yield send
+    finally:
+        for process in processes:
             process.kill()
             process.wait()
 
-    def pause(self) -> None:
-        """Pause all processes."""
-        self._signal(signal.SIGSTOP)
-
-    def work(self) -> None:
-        """Continue all processes."""
-        self._signal(signal.SIGCONT)
-
-    def _signal(self, number: signal.Signals) -> None:
-        for process in self._processes:
-            process.send_signal(number)
-
-
-@dataclass
-class Stream:
-    """Thread that publishes joint states at a rate until it is stopped."""
-
-    publisher: Publisher
-    stamps: list[int] = field(default_factory=list)
-    """Stamps of the published messages [ns]."""
-    _stopping: threading.Event = field(default_factory=threading.Event)
-
-    def __enter__(self) -> Stream:
-        self._thread = threading.Thread(target=self._run)
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_of_error: object) -> None:
-        self.stop()
-
-    def stop(self) -> None:
-        """Stop publishing."""
-        self._stopping.set()
-        self._thread.join()
-
-    def _run(self) -> None:
-        named = NamedChain(Chain(number_of_rotors=ROTORS), default_joint_names(ROTORS))
-        buffer, zeros = JointStateBuffer(named), np.zeros(ROTORS)
-        start = time.monotonic()
-        while not self._stopping.is_set():
-            stamp = time.time_ns()
-            self.publisher.publish(buffer.write(stamp, zeros, zeros, zeros))
-            self.stamps.append(stamp)
-            time.sleep(max(0.0, start + len(self.stamps) / RATE - time.monotonic()))
-
 
 @contextmanager
-def lone_publisher() -> Iterator[Publisher]:
-    """Yield a publisher on a new domain, because DDS removes killed subscribers late."""
-    with private_domain():
-        context = rclpy.Context()
-        rclpy.init(context=context)
-        node = rclpy.create_node('killer', context=context)
-        topic = interfaces.JOINT_STATES
+def published_stamps() -> Iterator[list[int]]:
+    """Publish joint states at a rate in a thread; yield the stamps of the messages [ns].
+
+    The publisher has a new domain, because DDS removes killed subscribers late.
+    """
+    stamps: list[int] = []
+    stopping = threading.Event()
+    buffer, zeros = JointStateBuffer(named_chain(ROTORS)), np.zeros(ROTORS)
+
+    def publish(publisher: Publisher) -> None:
+        start = time.monotonic()
+        while not stopping.is_set():
+            stamp = time.time_ns()
+            publisher.publish(buffer.write(stamp, zeros, zeros, zeros))
+            stamps.append(stamp)
+            time.sleep(max(0.0, start + len(stamps) / RATE - time.monotonic()))
+
+    with own_domain():
+        node = rclpy.create_node('killer')
+        publisher = interfaces.JOINT_STATES.publisher(node)
+        thread = threading.Thread(target=publish, args=(publisher,))
+        thread.start()
         try:
-            yield node.create_publisher(topic.type, topic.name, topic.qos)
+            yield stamps
         finally:
+            stopping.set()
+            thread.join()
             node.destroy_node()
-            rclpy.shutdown(context=context)
 
 
-def killed(command: Sequence[str], folder: Path, after: float, load: Load) -> Kill:
-    """Kill a recorder at a time after its log line [s], and return its losses."""
-    load.pause()
+def killed(
+    command: Sequence[str], folder: Path, after: float, send: Callable[[signal.Signals], None]
+) -> Kill:
+    """Kill a recorder at a time after its log line [s], and return its losses.
+
+    `send` sends a signal to the busy processes.
+    """
     bag = folder / 'run_0'
     with (
-        lone_publisher() as publisher,
-        Stream(publisher) as stream,
+        published_stamps() as stamps,
         subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as recorder,
     ):
         wait_for(bag, recorder)
-        load.work()
-        line = next(line for line in recorder.stderr or () if 'recording to' in line)
+        send(signal.SIGCONT)
+        assert recorder.stderr is not None
+        if not any('recording to' in line for line in recorder.stderr):
+            raise RuntimeError('the recorder did not start')
         announced = time.time_ns()
         time.sleep(after)
         recorder.kill()
         at = time.time_ns()
-        stream.stop()
-        load.pause()
-    if not line:
-        raise RuntimeError('the recorder did not start')
-    return losses_of(
-        bag, folder / 'recovered', [s for s in stream.stamps if s < at], announced, at
-    )
+        send(signal.SIGSTOP)
+    sent = [stamp for stamp in stamps if stamp < at]
+    return losses_of(bag, folder / 'recovered', sent, announced, at)
 
 
 def wait_for(path: Path, recorder: subprocess.Popen[str]) -> None:

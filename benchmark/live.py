@@ -22,11 +22,11 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
+import processes
 import rclpy
-from comparison import Figure, Part, parser, write
+from comparison import Figure, Part, parse, parser, write
 from diagnostic_msgs.msg import DiagnosticArray
 from live_watchers import ASK
-from processes import node_command, own_domain, processor_time, program_command, running
 from rclpy.node import Node
 
 from soliton_linkage.progress import ProgressLine
@@ -55,38 +55,32 @@ LATENCY = """async ([id, moved]) => {
 
 def main() -> None:
     options = parser(__doc__)
-    options.add_argument(
-        '--seconds', type=float, default=20.0, help='duration of each measurement'
-    )
-    options.add_argument(
-        '--minutes', type=float, default=5.0, help='time during which the page is open'
-    )
-    options.add_argument(
-        '--pages', action='store_true', help='simulate many browsers by complete pages'
-    )
+    for name, about in (
+        ('--seconds', 'duration of each measurement (20)'),
+        ('--minutes', 'time during which the page is open (5)'),
+    ):
+        options.add_argument(name, type=float, help=about)
+    about = 'simulate many browsers by complete pages'
+    options.add_argument('--pages', action='store_true', help=about)
     options.add_argument(
         '--only', choices=PARTS, nargs='+', default=PARTS, help='parts to measure'
     )
-    arguments = options.parse_args()
-    seconds = 3.0 if arguments.quick else arguments.seconds
-    minutes = 0.1 if arguments.quick else arguments.minutes
-    browsers = 2 if arguments.quick else 10
-    rounds = arguments.rounds or (1 if arguments.quick else 3)
+    usual = {'seconds': (3.0, 20.0), 'minutes': (0.1, 5.0), 'nudges': (5, NUDGES)}
+    arguments = parse(options, rounds=(1, 3), browsers=(2, 10), **usual)
+    seconds, rounds = arguments.seconds, arguments.rounds
     figures: list[Figure] = []
     drawing = {'pictures', 'delay', 'open'} | ({'crowd'} if arguments.pages else set())
     with chromium() if drawing & set(arguments.only) else nullcontext() as browser:
+        pages = browser if arguments.pages else None
         parts = {
             'pictures': lambda: [
-                figure
-                for rotors, rate in ((40, 60.0), (1000, 30.0))
-                for figure in pictures(browser, rotors, rate, seconds, rounds)
+                *pictures(browser, 40, 60.0, seconds, rounds),
+                *pictures(browser, 1000, 30.0, seconds, rounds),
             ],
-            'delay': lambda: delay(browser, 5 if arguments.quick else NUDGES),
-            'crowd': lambda: crowd(
-                browsers, seconds, rounds, browser if arguments.pages else None
-            ),
+            'delay': lambda: delay(browser, arguments.nudges),
+            'crowd': lambda: crowd(arguments.browsers, seconds, rounds, pages),
             'silent': lambda: silent_reader(seconds),
-            'open': lambda: open_long(browser, 60 * minutes),
+            'open': lambda: open_long(browser, 60 * arguments.minutes),
         }
         for name in arguments.only:
             figures += parts[name]()
@@ -102,14 +96,25 @@ def chromium() -> Iterator[Any]:
     except ImportError:
         path = None
     if path is None:
-        sys.exit(
-            'live: Chromium or Playwright is missing; install both and run the benchmark again'
-        )
+        sys.exit('live: Chromium or Playwright is missing; install both and start again')
     with sync_playwright() as playwright:
         options = ['--no-sandbox', '--enable-precise-memory-info']
         browser = playwright.chromium.launch(executable_path=path, args=options)
         yield browser
         browser.close()
+
+
+class Reports(dict[str, dict[str, str]]):
+    """Last diagnostics of each node, by the names of the node and of the figure."""
+
+    def __init__(self, node: Node) -> None:
+        super().__init__()
+        interfaces.DIAGNOSTICS.subscribe(node, self._note)
+
+    def _note(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            figures = {pair.key: pair.value for pair in status.values}
+            self[status.name.partition(':')[0]] = figures
 
 
 class Scene:
@@ -118,17 +123,15 @@ class Scene:
     def __init__(
         self, stack: ExitStack, settings: Mapping[str, Any], rate: float, nodes: Sequence[str]
     ) -> None:
-        stack.enter_context(own_domain())
+        stack.enter_context(processes.own_domain())
         self.node = Node('benchmark')
         stack.callback(self.node.destroy_node)
-        self.reports: dict[str, dict[str, str]] = {}
-        topic = interfaces.DIAGNOSTICS
-        self.node.create_subscription(topic.type, topic.name, self._note, topic.qos)
-        stack.enter_context(running(node_command('simulator', settings)))
+        self.reports = Reports(self.node)
+        stack.enter_context(processes.running(processes.node_command('simulator', settings)))
         for name in nodes:
-            stack.enter_context(running(node_command(name, {})))
-        page = node_command('live_view', {'port': PORT, 'frame_rate': rate})
-        self.server = stack.enter_context(running(page)).pid
+            stack.enter_context(processes.running(processes.node_command(name, {})))
+        page = processes.node_command('live_view', {'port': PORT, 'frame_rate': rate})
+        self.server = stack.enter_context(processes.running(page)).pid
         self.spin(lambda: {'simulator', 'live_view', *nodes} <= set(self.reports))
 
     def spin(self, condition: Any, seconds: float = LONGEST_WAIT) -> None:
@@ -150,11 +153,6 @@ class Scene:
         done = client.call_async(Reset.Request(state=Reset.Request.LEFT_LEANING))
         self.spin(done.done)
         self.node.destroy_client(client)
-
-    def _note(self, message: DiagnosticArray) -> None:
-        for status in message.status:
-            name = status.name.partition(':')[0]
-            self.reports[name] = {pair.key: pair.value for pair in status.values}
 
 
 @contextmanager
@@ -187,16 +185,13 @@ def pictures(browser: Any, rotors: int, rate: float, seconds: float, rounds: int
     with scene(rotors, 100.0 if rotors > 100 else 500.0, rate) as stage:
         page = visit(browser)
         time.sleep(SETTLING)
-        progress = ProgressLine(work, rounds)
-        for number in range(rounds):
-            progress.show(number)
+        for _ in processes.tracked(range(rounds), work, '{} rounds'):
             before, count, begun = now(stage, page)
             time.sleep(seconds)
             after, more, ended = now(stage, page)
             shares.append(100 * (after - before) / (ended - begun))
             drawn.append((more - count) / (ended - begun))
             costs.append(1e-3 * statistics.median(page.evaluate('live.costs')))
-        progress.end(f'{work}: {rounds} rounds')
         page.context.close()
     most = '15' if rotors == 40 else '30'
     return [
@@ -208,7 +203,11 @@ def pictures(browser: Any, rotors: int, rate: float, seconds: float, rounds: int
 
 def now(stage: Scene, page: Any) -> tuple[float, float, float]:
     """Return the processor time of the server [s], the number of pictures, and the time [s]."""
-    return processor_time(stage.server), float(page.evaluate('live.drawn')), time.monotonic()
+    return (
+        processes.processor_time(stage.server),
+        float(page.evaluate('live.drawn')),
+        time.monotonic(),
+    )
 
 
 def delay(browser: Any, nudges: int) -> list[Figure]:
@@ -216,21 +215,14 @@ def delay(browser: Any, nudges: int) -> list[Figure]:
     delays = []
     with scene() as stage:
         page = visit(browser)
-        progress = ProgressLine('nudges', nudges)
-        for number in range(nudges):
-            progress.show(number)
+        for _ in processes.tracked(range(nudges), 'nudges'):
             stage.reset()
             time.sleep(0.5)
             delays.append(1e-3 * page.evaluate(LATENCY, ['live-nudge', MOVED]))
-        progress.end(f'{nudges} nudges')
         page.context.close()
+    what, median = 'from a click on nudge to the canvas, median', statistics.median(delays)
     return [
-        Figure(
-            'from a click on nudge to the canvas, median',
-            's',
-            [statistics.median(delays)],
-            'within 100 ms',
-        ),
+        Figure(what, 's', [median], 'within 100 ms'),
         Figure('the same, the slowest', 's', [max(delays)]),
     ]
 
@@ -242,41 +234,34 @@ def crowd(browsers: int, seconds: float, rounds: int, drawing: Any) -> list[Figu
     with and without browsers alternate, because the load of the machine changes.
     """
     crowds = (0, browsers)
-    missed: dict[int, list[float]] = {visitors: [] for visitors in crowds}
-    lost: dict[int, list[float]] = {visitors: [] for visitors in crowds}
-    shares: dict[int, list[float]] = {visitors: [] for visitors in crowds}
+    missed, lost, shares = ({visitors: [] for visitors in crowds} for _ in range(3))
     with scene(hertz=1000.0) as stage, ExitStack() as stack:
         folder = stack.enter_context(tempfile.TemporaryDirectory())
-        command = node_command('bag_recorder', {'output': Path(folder, 'bag')})
-        stack.enter_context(running(command))
+        command = processes.node_command('bag_recorder', {'output': Path(folder, 'bag')})
+        stack.enter_context(processes.running(command))
         stage.spin(lambda: 'bag_recorder' in stage.reports)
         for _, visitors in product(range(rounds), crowds):
             with watching(visitors, drawing):
                 time.sleep(SETTLING)
                 before = [stage.fresh(*figure) for figure in COUNTED]
-                spent, begun = processor_time(stage.server), time.monotonic()
+                spent, begun = processes.processor_time(stage.server), time.monotonic()
                 time.sleep(seconds)
                 after = [stage.fresh(*figure) for figure in COUNTED]
                 span = time.monotonic() - begun
-                share = (processor_time(stage.server) - spent) / span
+                share = (processes.processor_time(stage.server) - spent) / span
             missed[visitors].append((after[0] - before[0]) / span)
             lost[visitors].append(after[1] - before[1])
             shares[visitors].append(100 * share)
     names = {0: 'none', browsers: f'{browsers} pages' if drawing else f'{browsers}'}
-    return [
-        figure
-        for visitors, name in names.items()
-        for figure in (
-            Figure(
-                f'missed deadlines at 1000 Hz, {name} watching',
-                '1/s',
-                missed[visitors],
-                'as without' if visitors else '',
-            ),
-            Figure(f'messages lost at 1000 Hz, {name} watching', '', lost[visitors], '0'),
-            Figure(f'server at 1000 Hz, {name} watching', '% of a core', shares[visitors]),
-        )
-    ]
+    figures = []
+    for visitors, name in names.items():
+        work, goal = f'at 1000 Hz, {name} watching', 'as without' if visitors else ''
+        figures += [
+            Figure(f'missed deadlines {work}', '1/s', missed[visitors], goal),
+            Figure(f'messages lost {work}', '', lost[visitors], '0'),
+            Figure(f'server {work}', '% of a core', shares[visitors]),
+        ]
+    return figures
 
 
 @contextmanager
@@ -284,7 +269,7 @@ def watching(visitors: int, drawing: Any) -> Iterator[None]:
     """Open a number of pages of a browser, or only streams if `drawing` is None."""
     if drawing is None:
         watchers = Path(__file__).with_name('live_watchers.py')
-        with running(program_command(watchers, PORT, visitors)):
+        with processes.running(processes.program_command(watchers, PORT, visitors)):
             yield
         return
     pages = [visit(drawing) for _ in range(visitors)]
@@ -315,14 +300,8 @@ def silent_reader(seconds: float) -> list[Figure]:
             before = memory(stage.server)
             time.sleep(seconds)
             grown = memory(stage.server) - before
-    return [
-        Figure(
-            f'memory for a browser that reads nothing for {seconds:g} s',
-            'MB',
-            [grown],
-            'not growing',
-        )
-    ]
+    what = f'memory for a browser that reads nothing for {seconds:g} s'
+    return [Figure(what, 'MB', [grown], 'not growing')]
 
 
 def open_long(browser: Any, seconds: float) -> list[Figure]:

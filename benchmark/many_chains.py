@@ -16,20 +16,16 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
+import processes
 import rclpy
-from processes import node_command, own_domain, processor_time, running, take_all, until
 from rclpy.node import Node
+from wall_bag import named_chain
 
 from soliton_linkage.dynamics.elastic import simulate
 from soliton_linkage.linear.rigidity import Edge, edge_mode
-from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.recording import Recording
 from soliton_linkage_nodes.messages.cdr import JointStateBuffer
-from soliton_linkage_nodes.messages.conversions import (
-    NamedChain,
-    chain_to_msg,
-    default_joint_names,
-)
+from soliton_linkage_nodes.messages.conversions import NamedChain, chain_to_msg
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
 
@@ -54,12 +50,8 @@ class Chains:
             ]
             for topic in (chain, joints)
         )
-        self._answers = [
-            node.create_subscription(
-                states.type, f'{name(n)}/{states.name}', print, states.qos, raw=True
-            )
-            for n in range(chains)
-        ]
+        names = [f'{name(n)}/{states.name}' for n in range(chains)]
+        self._answers = [processes.raw_subscription(node, states, each) for each in names]
         for publisher in self._latched:
             publisher.publish(chain_to_msg(named, time_to_msg(0)))
 
@@ -91,7 +83,26 @@ class Chains:
         return all(publisher.get_subscription_count() for publisher in self._joints)
 
     def _taken(self) -> int:
-        return sum(len(take_all(answer)) for answer in self._answers)
+        return sum(len(processes.take_all(answer)) for answer in self._answers)
+
+
+def kicked_parser(description: str | None, **defaults: float) -> argparse.ArgumentParser:
+    """Return a parser with the options `rotors`, `rate` [Hz], `seconds` and `rounds`."""
+    parser = argparse.ArgumentParser(description=description)
+    for option, default in defaults.items():
+        parser.add_argument(
+            f'--{option}', type=type(default), default=default, help='(%(default)s)'
+        )
+    return parser
+
+
+def kicked(arguments: argparse.Namespace) -> tuple[NamedChain, Recording]:
+    """Return a flipper chain and its motion after a kick at the first edge."""
+    named = named_chain(arguments.rotors)
+    rest = named.chain.uniform_state(-1)
+    rates = KICK * edge_mode(named.chain, rest, Edge.FIRST)
+    duration = math.ceil(arguments.seconds + 2 * SETTLING)
+    return named, simulate(named.chain, rest, rates, duration, 1 / arguments.rate)
 
 
 def name(number: int) -> str:
@@ -102,12 +113,16 @@ def name(number: int) -> str:
 def analysers(chains: int, together: bool) -> Iterator[list[subprocess.Popen[bytes]]]:
     """Start the processes that analyse a number of chains."""
     names = [f'{name(n)}/soliton_analyser' for n in range(chains)]
-    one = [[node_command('suite', {})[0], *names]]
+    one = [[processes.node_command('suite', {})[0], *names]]
     each = [
-        [*node_command('soliton_analyser', {}), '-r', f'__ns:={name(n)}'] for n in range(chains)
+        [*processes.node_command('soliton_analyser', {}), '-r', f'__ns:={name(n)}']
+        for n in range(chains)
     ]
     with ExitStack() as stack:
-        yield [stack.enter_context(running(command)) for command in (one if together else each)]
+        yield [
+            stack.enter_context(processes.running(command))
+            for command in (one if together else each)
+        ]
 
 
 def memory(process: int) -> tuple[float, float]:
@@ -125,34 +140,25 @@ def measure(
     period = round(SECOND / arguments.rate)
     chains = Chains(node, named, moved, period, arguments.chains)
     with analysers(arguments.chains, together) as processes:
-        until(lambda: chains.ready, 'analyser of each chain')
+        processes.until(lambda: chains.ready, 'analyser of each chain')
         chains.publish(SETTLING)
-        before = [processor_time(process.pid) for process in processes]
+        before = [processes.processor_time(process.pid) for process in processes]
         begin = time.monotonic()
         sent, answered = chains.publish(arguments.seconds)
         took = time.monotonic() - begin
-        used = sum(processor_time(p.pid) for p in processes) - sum(before)
+        used = sum(processes.processor_time(p.pid) for p in processes) - sum(before)
         sizes = [memory(process.pid) for process in processes]
     return used / took, *map(sum, zip(*sizes, strict=True)), sent - answered
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = kicked_parser(__doc__, rotors=40, rate=100.0, seconds=20.0, rounds=3)
     parser.add_argument('--chains', type=int, default=10)
-    parser.add_argument('--rotors', type=int, default=40)
-    parser.add_argument('--rate', type=float, default=100.0, help='[Hz]')
-    parser.add_argument('--seconds', type=float, default=20.0)
-    parser.add_argument('--rounds', type=int, default=3)
     arguments = parser.parse_args()
-    chain = Chain(number_of_rotors=arguments.rotors)
-    rest = chain.uniform_state(-1)
-    rates = KICK * edge_mode(chain, rest, Edge.FIRST)
-    named = NamedChain(chain, default_joint_names(arguments.rotors))
-    duration = math.ceil(arguments.seconds + 2 * SETTLING)
-    moved = simulate(chain, rest, rates, duration, 1 / arguments.rate)
+    named, moved = kicked(arguments)
     print('| processes | cores | resident [MB] | unshared [MB] | states lost |')
     print('| --- | --- | --- | --- | --- |')
-    with own_domain():
+    with processes.own_domain():
         for _ in range(arguments.rounds):
             for together in (False, True):
                 node = rclpy.create_node('many_chains')

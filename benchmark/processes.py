@@ -8,17 +8,22 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
 import rclpy
 from ament_index_python.packages import get_package_prefix
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
+from soliton_linkage.progress import ProgressLine
 from soliton_linkage_nodes.runtime.child_processes import private_domain
+from soliton_linkage_nodes.runtime.interfaces import Topic
 
+Item = TypeVar('Item')
 Result = TypeVar('Result')
 
 LONGEST_WAIT = 300.0
@@ -79,6 +84,25 @@ def until(
             raise TimeoutError(f'no {what} within {LONGEST_WAIT:g} s')
         time.sleep(POLL)
     return found
+
+
+def tracked(items: Iterable[Item], title: str, ended: str = '{} done') -> Iterator[Item]:
+    """Yield items and show the progress; `ended` is the final remark, with their number."""
+    listed = list(items)
+    progress = ProgressLine(title, len(listed))
+    for number, item in enumerate(listed):
+        progress.show(number)
+        yield item
+    progress.end(f'{title}: {ended.format(len(listed))}')
+
+
+def raw_subscription(
+    node: Node, topic: Topic, name: str = '', qos: QoSProfile | None = None
+) -> Subscription:
+    """Subscribe to the undecoded messages of a topic, which `take_all` returns."""
+    return node.create_subscription(
+        topic.type, name or topic.name, print, qos or topic.qos, raw=True
+    )
 
 
 def take_all(subscription: Subscription) -> list[tuple[bytes, dict[str, int]]]:

@@ -18,17 +18,15 @@ from pathlib import Path
 
 import numpy as np
 import rclpy
-from comparison import Comparison, Figure, Part, parser, write
-from processes import own_domain, program_command, running, until
+from comparison import Comparison, Figure, Part, parse, parser, write
+from processes import own_domain, program_command, running, tracked, until
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
+from wall_bag import named_chain
 
-from soliton_linkage.linkage.chain import Chain
-from soliton_linkage.progress import ProgressLine
 from soliton_linkage_nodes.messages.cdr import JointStateBuffer, publish_buffer
-from soliton_linkage_nodes.messages.conversions import FRAME, NamedChain, default_joint_names
+from soliton_linkage_nodes.messages.conversions import FRAME, default_joint_names
 from soliton_linkage_nodes.runtime.interfaces import stream_qos
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
@@ -45,9 +43,8 @@ GOAL = 1.5
 def main() -> None:
     options = parser(__doc__)
     options.add_argument('--rotors', type=int, nargs='*', default=list(ROTORS))
-    arguments = options.parse_args()
-    rounds = arguments.rounds or (2 if arguments.quick else 7)
-    turns = TURNS // 20 if arguments.quick else TURNS
+    arguments = parse(options, rounds=(2, 7), turns=(TURNS // 20, TURNS))
+    rounds, turns = arguments.rounds, arguments.turns
     comparisons, figures, seconds = [], [], {}
     with own_domain():
         node = rclpy.create_node('benchmark')
@@ -76,20 +73,18 @@ def measured(
 ) -> dict[str, list[float]]:
     """Return the time of each way to publish a message [s], one number per round."""
     name = f'joint_states_{rotors}_{subscribed:d}'
-    publisher = node.create_publisher(JointState, name, qos_of(rotors))
+    qos = stream_qos(len(JointStateBuffer(named_chain(rotors))))
+    publisher = node.create_publisher(JointState, name, qos)
     times: dict[str, list[float]] = {}
-    progress = ProgressLine(work, rounds)
     with running(program_command(LISTENER, name)) if subscribed else nullcontext():
         if subscribed:
             until(publisher.get_subscription_count, 'subscriber')
         ways = ways_to_publish(publisher, rotors)
         round_of(ways, publisher, 2)
-        for turn in range(rounds):
-            progress.show(turn)
+        for _ in tracked(range(rounds), work, '{} rounds'):
             for way, median in round_of(ways, publisher, turns).items():
                 times.setdefault(way, []).append(median)
     node.destroy_publisher(publisher)
-    progress.end(f'{work}: {rounds} rounds')
     return times
 
 
@@ -111,13 +106,12 @@ def round_of(ways: Ways, publisher: Publisher, turns: int) -> dict[str, float]:
 
 def ways_to_publish(publisher: Publisher, rotors: int) -> Ways:
     """Return functions that publish the same frame in each way."""
-    chain = Chain(number_of_rotors=rotors)
-    names = default_joint_names(rotors)
+    named = named_chain(rotors)
     angles, rates, torques = np.random.default_rng(rotors).normal(size=(3, rotors))
     stamp = 1_700_000_000_123_456_789
-    buffer = JointStateBuffer(NamedChain(chain, names))
+    buffer = JointStateBuffer(named)
     constant = buffer.write(stamp, angles, rates, torques)
-    joint_names = list(names)
+    joint_names = list(default_joint_names(rotors))
 
     def idiomatic() -> None:
         message = JointState()
@@ -136,12 +130,6 @@ def ways_to_publish(publisher: Publisher, rotors: int) -> Ways:
         publisher.publish(constant)
 
     return {'idiomatic': idiomatic, 'ours': ours, 'floor': floor}
-
-
-def qos_of(rotors: int) -> QoSProfile:
-    """Return the quality of service of the simulator."""
-    chain = NamedChain(Chain(number_of_rotors=rotors), default_joint_names(rotors))
-    return stream_qos(len(JointStateBuffer(chain)))
 
 
 if __name__ == '__main__':

@@ -22,24 +22,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import processes
 import rclpy
-from comparison import Comparison, Figure, Part, parser, write
-from processes import (
-    node_command,
-    own_domain,
-    processor_time,
-    program_command,
-    running,
-    take_all,
-    until,
-)
+from comparison import Comparison, Figure, Part, parse, parser, write
 from rclpy.node import Node
 from rclpy.subscription import Subscription
+from wall_bag import named_chain
 
-from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.linkage.chain import Array
 from soliton_linkage.progress import ProgressLine
 from soliton_linkage_nodes.messages.cdr import JointStateBuffer
-from soliton_linkage_nodes.messages.conversions import NamedChain, default_joint_names
 from soliton_linkage_nodes.runtime import interfaces
 
 Command = Callable[[int, float], list[str | Path]]
@@ -105,21 +97,19 @@ class Bench:
 
     def run(self, name: str, command: Command, rotors: int, rate: float, seconds: float) -> Run:
         """Run for a number of seconds after the start."""
-        topic = interfaces.JOINT_STATES
-        chain = NamedChain(Chain(number_of_rotors=rotors), default_joint_names(rotors))
-        qos = interfaces.stream_qos(len(JointStateBuffer(chain)))
-        subscription = self._node.create_subscription(
-            topic.type, topic.name, lambda _: None, qos, raw=True
-        )
+        qos = interfaces.stream_qos(len(JointStateBuffer(named_chain(rotors))))
+        subscription = processes.raw_subscription(self._node, interfaces.JOINT_STATES, qos=qos)
         progress = ProgressLine(f'{name}, {rotors} rotors at {rate:g} Hz', seconds)
-        sleeping = program_command(FOLDER / 'sleeper.py', rate, seconds)
-        with running(command(rotors, rate)) as process:
-            until(lambda: take_all(subscription), 'joint_states', process)
+        sleeping = processes.program_command(FOLDER / 'sleeper.py', rate, seconds)
+        with processes.running(command(rotors, rate)) as process:
+            processes.until(lambda: processes.take_all(subscription), 'joint_states', process)
             drain(subscription, SETTLING)
             with subprocess.Popen(sleeping, stdout=subprocess.PIPE, text=True) as sleeper:
-                start, before = time.monotonic(), processor_time(process.pid)
+                start, before = time.monotonic(), processes.processor_time(process.pid)
                 frames = drain(subscription, seconds, progress)
-                share = (processor_time(process.pid) - before) / (time.monotonic() - start)
+                share = (processes.processor_time(process.pid) - before) / (
+                    time.monotonic() - start
+                )
                 slept = np.array(sleeper.communicate()[0].split(), dtype=np.int64)
         self._node.destroy_subscription(subscription)
         done = run_of(rotors, rate, frames, slept, share)
@@ -167,27 +157,23 @@ class Bench:
 
 def main() -> None:
     options = parser(__doc__)
-    options.add_argument(
-        '--integrator', default='symplectic', help='integrator of our simulator (%(default)s)'
-    )
-    arguments = options.parse_args()
+    about = 'integrator of our simulator (%(default)s)'
+    options.add_argument('--integrator', default='symplectic', help=about)
+    arguments = parse(options, rounds=(1, 1))
     quick = arguments.quick
     commands = {'ours': ours(arguments.integrator), 'theirs': timer_node}
     found: dict[str, dict[str, list[float]]] = {'rotors': {}, 'rate': {}}
     kept: dict[str, list[Run]] = {'ours': [], 'theirs': []}
-    with own_domain():
+    with processes.own_domain():
         node = rclpy.create_node('benchmark')
         bench = Bench(node, *((1.0, 1.0) if quick else (3.0, 30.0)))
-        for _ in range(arguments.rounds or 1):
+        for _ in range(arguments.rounds):
             for side, command in commands.items():
                 seconds = 1.0 if quick else 30.0
                 kept[side].append(bench.run(side, command, ROTORS, RATE, seconds))
                 if not quick:
-                    for what, search in (
-                        ('rotors', bench.most_rotors),
-                        ('rate', bench.highest_rate),
-                    ):
-                        found[what].setdefault(side, []).extend(search(side, command))
+                    found['rotors'].setdefault(side, []).extend(bench.most_rotors(side, command))
+                    found['rate'].setdefault(side, []).extend(bench.highest_rate(side, command))
         node.destroy_node()
     details = {
         'runs': {side: [asdict(run) for run in runs] for side, runs in bench.runs.items()},
@@ -209,14 +195,14 @@ def ours(integrator: str) -> Command:
             'subscribers': 1,
             'real_time': 'true',
         }
-        return node_command('simulator', settings)
+        return processes.node_command('simulator', settings)
 
     return command
 
 
 def timer_node(rotors: int, rate: float) -> list[str | Path]:
     position = min(POSITION, rotors - POSITION)
-    return program_command(FOLDER / 'timer_node.py', rotors, rate, position, VELOCITY)
+    return processes.program_command(FOLDER / 'timer_node.py', rotors, rate, position, VELOCITY)
 
 
 def drain(
@@ -226,7 +212,7 @@ def drain(
     frames = []
     start = time.monotonic()
     while (elapsed := time.monotonic() - start) < seconds:
-        for _, info in take_all(subscription):
+        for _, info in processes.take_all(subscription):
             frames.append((info['publication_sequence_number'], info['source_timestamp']))
         if progress is not None:
             progress.show(elapsed)

@@ -21,14 +21,13 @@ from typing import Any
 
 import numpy as np
 import rclpy
-from comparison import Figure, Part, parser, write
-from processes import node_command, own_domain, running, take_all, until
+from comparison import Figure, Part, parse, parser, write
+from processes import node_command, own_domain, raw_subscription, running, take_all, tracked, until
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
-from soliton_linkage.progress import ProgressLine
 from soliton_linkage_msgs.msg import SolitonState
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.pacing import raise_priority
@@ -59,9 +58,7 @@ class Inbox:
     """Undecoded messages of a topic, in the order of their arrival."""
 
     def __init__(self, node: Node, topic: interfaces.Topic) -> None:
-        self._subscription = node.create_subscription(
-            topic.type, topic.name, lambda _: None, topic.qos, raw=True
-        )
+        self._subscription = raw_subscription(node, topic)
         self._arrivals: list[Arrival] = []
 
     def messages(self) -> list[Arrival]:
@@ -79,27 +76,20 @@ class Inbox:
 def main() -> None:
     options = parser(__doc__)
     options.add_argument('--nudges', type=int, help='number of nudges in each round')
-    arguments = options.parse_args()
-    rounds = arguments.rounds or (1 if arguments.quick else 3)
-    nudges = arguments.nudges or (20 if arguments.quick else 200)
+    arguments = parse(options, rounds=(1, 3), nudges=(20, 200))
+    rounds, nudges = arguments.rounds, arguments.nudges
     with own_domain(), ExitStack() as processes:
         settings = {'chain.number_of_rotors': ROTORS, 'publish_rate': RATE}
-        for name, given in (
-            ('simulator', settings),
-            ('edge_actuator', {}),
-            ('soliton_analyser', {}),
-        ):
-            given = {**given, 'real_time': 'true'}
+        for name in ('simulator', 'edge_actuator', 'soliton_analyser'):
+            given = {'real_time': 'true', **(settings if name == 'simulator' else {})}
             processes.enter_context(running(node_command(name, given)))
         raise_priority(True)
         node = rclpy.create_node('benchmark')
         reactions = Reactions(node)
         measured = [reactions.measure(nudges, turn, rounds) for turn in range(rounds)]
         node.destroy_node()
-    write(
-        Part('react', figures=figures_of(measured), details={'seconds': measured}),
-        arguments.output,
-    )
+    part = Part('react', figures=figures_of(measured), details={'seconds': measured})
+    write(part, arguments.output)
 
 
 class Reactions:
@@ -123,16 +113,14 @@ class Reactions:
     def measure(self, nudges: int, turn: int, rounds: int) -> dict[str, list[float]]:
         """Return the times from each nudge to its effects [s], for a number of nudges."""
         chance = random.Random(turn)
-        progress = ProgressLine(f'round {turn + 1} of {rounds}, nudges', nudges)
         seconds: dict[str, list[float]] = {}
-        for number in range(nudges):
+        title = f'round {turn + 1} of {rounds}'
+        for number in tracked(range(nudges), title, '{} nudges'):
             for inbox in (self._impulses, self._joints, self._states):
                 inbox.empty()
             time.sleep(chance.uniform(*PAUSES))
             for what, since in self._nudged(DIRECTIONS[number % len(DIRECTIONS)]).items():
                 seconds.setdefault(what, []).append(since * SECOND)
-            progress.show(number + 1)
-        progress.end(f'round {turn + 1} of {rounds}: {nudges} nudges')
         return seconds
 
     def _nudged(self, direction: int) -> dict[str, int]:
@@ -160,9 +148,8 @@ class Reactions:
 
     def _state_of(self, stamp: int) -> Arrival | None:
         """Return the first soliton_state with this stamp [ns] or a later one."""
-        return next(
-            (arrival for arrival in self._states.messages() if read_stamp(arrival) >= stamp), None
-        )
+        states = self._states.messages()
+        return next((each for each in states if read_stamp(each) >= stamp), None)
 
 
 def figures_of(measured: list[dict[str, list[float]]]) -> list[Figure]:

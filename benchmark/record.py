@@ -20,9 +20,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import processes
 import rclpy
-from comparison import Comparison, Figure, Part, parser, write
-from processes import node_command, own_domain, processor_time, program_command, running, until
+from comparison import Comparison, Figure, Part, parse, parser, write
 from rclpy.publisher import Publisher
 from record_peer import SUBSCRIPTIONS
 from rosbags.highlevel import AnyReader
@@ -98,9 +98,8 @@ class Trial:
 def main() -> None:
     options = parser(__doc__)
     options.add_argument('--rotors', type=int, nargs='*', help=f'{ROTORS}')
-    arguments = options.parse_args()
-    rounds = arguments.rounds or (1 if arguments.quick else 3)
-    sizes = arguments.rotors or ROTORS[: 1 if arguments.quick else None]
+    arguments = parse(options, rounds=(1, 3), rotors=(ROTORS[:1], ROTORS))
+    rounds, sizes = arguments.rounds, arguments.rotors
     arguments.output.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=arguments.output.parent) as folder:
         recorded = recording(Path(folder), sizes, rounds, arguments.quick)
@@ -115,8 +114,8 @@ def recording(folder: Path, sizes: Sequence[int], rounds: int, quick: bool) -> P
     comparisons, figures, details = [], [], {}
     kinds = (OURS, *SUBSCRIPTIONS)
     runs = list(itertools.product(sizes, range(rounds), kinds))
-    progress = ProgressLine('recording', len(runs))
     trials: dict[int, dict[str, list[Trial]]] = {}
+    progress = ProgressLine('recording', len(runs))
     for done, (rotors, turn, kind) in enumerate(runs):
         progress.show(done, f'{kind}, {rotors} rotors, round {turn + 1}')
         by_kind = trials.setdefault(rotors, {each: [] for each in kinds})
@@ -129,9 +128,7 @@ def recording(folder: Path, sizes: Sequence[int], rounds: int, quick: bool) -> P
             taken = [rates_taken(side) for side in (by_kind[kind], ours)]
             comparisons += [
                 Comparison(name, f'record at {RATE} Hz, {work}', '% of a core', *shares),
-                Comparison(
-                    name, f'record without loss, {work}', '/s', *taken, more_is_better=True
-                ),
+                Comparison(name, f'record without loss, {work}', '/s', *taken, True),
             ]
         size = len(JointStateBuffer(named_chain(rotors))) / 1e6
         bytes_taken = [size * rate for rate in rates_taken(ours)]
@@ -153,11 +150,11 @@ def trial(kind: str, rotors: int, folder: Path, quick: bool) -> Trial:
     done = Trial()
     with tempfile.TemporaryDirectory(dir=folder) as name:
         path = Path(name, 'run.mcap')
-        command = program_command(Path(__file__).with_name('record_peer.py'), kind, path)
+        command = processes.program_command(Path(__file__).with_name('record_peer.py'), kind, path)
         if kind == OURS:
             path = Path(name, 'run_0')
-            command = node_command('bag_recorder', {'output': Path(name, 'run')})
-        with own_domain(), running(command) as recorder:
+            command = processes.node_command('bag_recorder', {'output': Path(name, 'run')})
+        with processes.own_domain(), processes.running(command) as recorder:
             send = Sender(rotors)
             done.bursts.append(send.burst(0, float(RATE), 2 * seconds, recorder.pid))
             rate = 2.0 * RATE
@@ -176,13 +173,13 @@ class Sender:
         self._node = rclpy.create_node('sender')
         self._publisher: Publisher = self._node.create_publisher(topic.type, topic.name, topic.qos)
         self._buffer, self._still = JointStateBuffer(named_chain(rotors)), np.zeros(rotors)
-        until(self._publisher.get_subscription_count, 'recorder')
+        processes.until(self._publisher.get_subscription_count, 'recorder')
         time.sleep(SETTLING)
 
     def burst(self, number: int, rate: float, seconds: float, recorder: int) -> Burst:
         """Publish at a rate if possible, and wait until the recorder is idle."""
         still, sent = self._still, 0
-        processor, start = processor_time(recorder), time.monotonic()
+        processor, start = processes.processor_time(recorder), time.monotonic()
         while (now := time.monotonic() - start) < seconds:
             for _ in range(min(int(now * rate) + 1 - sent, 100)):
                 stamp = number * SECOND + sent
@@ -191,15 +188,15 @@ class Sender:
             time.sleep(max(0.0, min(NAP, sent / rate - (time.monotonic() - start))))
         sending = time.monotonic() - start
         working = sending + self._drained(recorder)
-        return Burst(rate, sent, sending, working, processor_time(recorder) - processor)
+        return Burst(rate, sent, sending, working, processes.processor_time(recorder) - processor)
 
     def _drained(self, recorder: int) -> float:
         """Wait until a recorder is idle; return the time at which it became idle [s]."""
         start = time.monotonic()
         while time.monotonic() - start < LONGEST_DRAIN:
-            before, begin = processor_time(recorder), time.monotonic()
+            before, begin = processes.processor_time(recorder), time.monotonic()
             time.sleep(POLL)
-            used = processor_time(recorder) - before
+            used = processes.processor_time(recorder) - before
             if used < IDLE * POLL:
                 return begin - start
         return time.monotonic() - start
@@ -230,16 +227,13 @@ def reading(folder: Path, sizes: Sequence[int], rounds: int, quick: bool) -> Par
             'analyse': analyse,
         }
         rates: dict[str, list[float]] = {name: [] for name in ways}
-        progress = ProgressLine(f'reading {rotors} rotors', rounds)
-        for turn in range(rounds):
-            progress.show(turn)
+        for _ in processes.tracked(range(rounds), f'reading {rotors} rotors'):
             for name, way in ways.items():
                 start = time.thread_time()
                 done = way(bag)
                 rates[name].append(done / (time.thread_time() - start))
                 if done != frames:
                     raise AssertionError(f'{name} read {done} of {frames} frames')
-        progress.end(f'bags of {rotors} rotors read')
         theirs = rates.pop('AnyReader')
         peer = 'rosbags AnyReader, read and deserialize'
         comparisons += [

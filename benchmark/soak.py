@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import os
 import shutil
 import signal
 import subprocess
@@ -27,8 +26,7 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
-from live import BROWSERS, PORT, chromium, heap, visit
+from live import BROWSERS, PORT, Reports, chromium, heap, memory, visit
 from processes import node_command, own_domain, processor_time
 from rclpy.action import ActionClient
 from rclpy.node import Node
@@ -99,9 +97,8 @@ class Suite:
             self._audit = BagAudit(bag.with_name(f'{bag.name}_0'), RATE)
         with (self._output / f'{name}.log').open('ab') as log:
             command = [*END_WITH_PARENT, *map(str, node_command(name, settings))]
-            self._running[name] = subprocess.Popen(
-                command, stdout=log, stderr=log, start_new_session=True
-            )
+            output: Any = {'stdout': log, 'stderr': log}
+            self._running[name] = subprocess.Popen(command, start_new_session=True, **output)
         self._life[name] = life
         self._ledger.note('start', node=name, life=life)
 
@@ -129,9 +126,8 @@ class Suite:
         for name, process in self._running.items():
             folder = Path(f'/proc/{process.pid}')
             try:
-                pages = int((folder / 'statm').read_text(encoding='ascii').split()[1])
                 sample = {
-                    'memory': pages * os.sysconf('SC_PAGE_SIZE') / 1e6,
+                    'memory': memory(process.pid),
                     'threads': len(list((folder / 'task').iterdir())),
                     'descriptors': len(list((folder / 'fd').iterdir())),
                     'processor': processor_time(process.pid),
@@ -175,16 +171,13 @@ class User:
     def __init__(self, ledger: Ledger) -> None:
         self._ledger = ledger
         self.node = Node('soak')
-        topic = interfaces.DIAGNOSTICS
-        self.node.create_subscription(topic.type, topic.name, self._on_diagnostics, topic.qos)
+        self._reports = Reports(self.node)
         self._nudges = interfaces.NUDGE.publisher(self.node)
         self._moves = ActionClient(self.node, MoveSoliton, interfaces.MOVE_SOLITON)
-        self._splits = self.node.create_client(
-            service_type('SplitBagfile'), 'bag_recorder/split_bagfile'
-        )
+        split = service_type('SplitBagfile')
+        self._splits = self.node.create_client(split, 'bag_recorder/split_bagfile')
         self._signs = cycle((1, -1))
         self._positions = cycle(POSITIONS)
-        self._reports: dict[str, dict[str, str]] = {}
 
     def nudge(self) -> None:
         """Nudge in alternating directions."""
@@ -225,14 +218,8 @@ class User:
         result = ended.result()
         if result is not None:
             move = result.result
-            self._ledger.note(
-                'moved', requested=requested, outcome=move.outcome, message=move.message
-            )
-
-    def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        for status in message.status:
-            name = status.name.partition(':')[0]
-            self._reports[name] = {pair.key: pair.value for pair in status.values}
+            moved = {'outcome': move.outcome, 'message': move.message}
+            self._ledger.note('moved', requested=requested, **moved)
 
 
 class Visitor:
@@ -269,8 +256,6 @@ def main() -> None:
         shutil.rmtree(output, ignore_errors=True)
     output.mkdir(parents=True, exist_ok=True)
     stopping = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stopping.set())
     ledger = Ledger(output / 'ledger.jsonl')
     with own_domain(), ExitStack() as stack:
         for number in (signal.SIGINT, signal.SIGTERM):
@@ -284,9 +269,8 @@ def main() -> None:
 
 
 def parse_arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    raw = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
     parser.add_argument('--minutes', type=float, default=60.0, help='(%(default)s)')
     parser.add_argument('--resume', action='store_true', help='continue an interrupted test')
     parser.add_argument('--output', type=Path, default=Path('out/soak'), help='(%(default)s)')

@@ -27,7 +27,6 @@ NOISE = 0.01
 RATE = 1000
 SECOND = 10**9
 _ARC_RATE = 10.0
-_ARC_PER_FRAME = _ARC_RATE / RATE
 _DRAWS = 2**20
 _SHOW_EVERY = 1000
 
@@ -38,24 +37,37 @@ def named_chain(rotors: int) -> NamedChain:
 
 
 class NoisyWall:
-    """Noisy frames at 1000 Hz of a wall that moves along the whole orbit."""
+    """Noisy frames at 1000 Hz of a wall that moves along the orbit."""
 
-    def __init__(self, rotors: int, deviation: float = NOISE) -> None:
-        """Compute the orbit and draw the noise, which repeats after a million numbers."""
+    def __init__(
+        self, rotors: int, deviation: float = NOISE, begin: float = 0.0, rate: float = _ARC_RATE
+    ) -> None:
+        """Draw the noise, which repeats after a million numbers.
+
+        The wall starts at the position `begin` [rotor spacings] and moves at `rate` [rad/s].
+        """
         self._rotors = rotors
         self._orbit = UniformOrbit(Chain(number_of_rotors=rotors))
+        self._begin, self._rate = self._orbit.arc_at(begin, 0) if begin else 0.0, rate
         self._noise = deviation * np.random.default_rng(1).standard_normal(_DRAWS + 2 * rotors)
 
     def frame(self, number: int) -> tuple[np.ndarray, np.ndarray]:
         """Return angles [rad] and rates [rad/s] of a frame, each of shape (N,)."""
-        arc = _ARC_PER_FRAME * number
+        arc = self._arc(number)
         about = self._orbit.segment(arc)
         begin = number * 2 * self._rotors % _DRAWS
         noise = self._noise[begin : begin + 2 * self._rotors]
         angles = self._orbit.configuration(arc) + noise[: self._rotors]
         rates = noise[self._rotors :].copy()
-        rates[about.first : about.first + len(about.tangent)] += _ARC_RATE * about.tangent
+        rates[about.first : about.first + len(about.tangent)] += self._rate * about.tangent
         return angles, rates
+
+    def position(self, number: int) -> float:
+        """Return the position of the wall in a frame [rotor spacings]."""
+        return self._orbit.site(self._arc(number))
+
+    def _arc(self, number: int) -> float:
+        return self._begin + self._rate / RATE * number
 
 
 def write_wall_bag(name: Path, rotors: int, frames: int, compression: str = 'none') -> Path:

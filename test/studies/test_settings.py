@@ -29,7 +29,7 @@ def test_values_are_read_with_the_requested_type(tmp_path):
     assert settings.whole_number('n', 3, 3) == 3
     assert settings.text('name') == 'abc'
     assert settings.numbers('many', 1, 2) == (1.0, 2.0)
-    parts = settings.section('parts').sections()
+    parts = settings.sections('parts')
     assert [part.name for part in parts.values()] == ['parts.one', 'parts.two']
     assert parts['one'].number('y', 0, 2) == 1
 
@@ -80,7 +80,7 @@ def test_an_error_names_file_key_and_limit():
             "part.name = 'left' must be one of up, dow",
         ),
         (lambda: SECTION.section('x'), 'part.x = 2 must be a section; indent its keys beneath it'),
-        (lambda: SECTION.sections(), 'part.x = 2 must be a section'),
+        (lambda: SECTION.sections('x'), 'part.x = 2 must be a section'),
         (
             lambda: SECTION.check_keys('x', 'y'),
             "part.name = 'left' is not known; known keys are x, y",

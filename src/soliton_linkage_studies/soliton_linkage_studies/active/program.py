@@ -103,10 +103,9 @@ class ActiveStudy:
         diagram.check_keys('ratios', 'decays')
         ranges = ('ratios', 0.01, 1e3), ('decays', 1e-3, 1e3)
         every = slice(None, None, 3 if quick else 1)
-        axes = (diagram.numbers(*each)[every] for each in ranges)
-        study = ActiveStudy(
-            settings.chains(), *axes, **settings.values_of(ActiveStudy, 'chains', 'diagram')
-        )
+        ratios, decays = (diagram.numbers(*each)[every] for each in ranges)
+        values = settings.values_of(ActiveStudy, 'chains', 'diagram')
+        study = ActiveStudy(settings.chains(), ratios, decays, **values)
         return replace(study, ratios=study.ratios[every])
 
     @property
