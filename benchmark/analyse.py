@@ -21,7 +21,7 @@ import numpy as np
 import processes
 import rclpy
 from analyse_costs import figures_of, records, times_of
-from comparison import Comparison, Figure, Part, parse, parser, write
+from comparison import Comparison, Figure, Part, parse, parser, tracked, write
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
@@ -173,7 +173,7 @@ def compared(node: Node, rotors: int, arguments: argparse.Namespace) -> dict[str
     processes.until(lambda: all(each.has_publisher() for each in states.values()), 'publishers')
     runs: dict[str, list[Run]] = {'theirs': [], 'ours': []}
     ended = f'rounds of {size} frames'
-    for _ in processes.tracked(range(arguments.rounds + 1), f'{rotors} rotors', f'{{}} {ended}'):
+    for _ in tracked(range(arguments.rounds + 1), f'{rotors} rotors', f'{{}} {ended}'):
         given = list(itertools.islice(source, size))
         for name, side in sides.items():
             runs[name].append(run(side.take, states[name], given))

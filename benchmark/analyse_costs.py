@@ -9,8 +9,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from comparison import Figure
-from processes import tracked
+from comparison import Figure, tracked
 
 from soliton_linkage.dynamics.elastic import simulate
 from soliton_linkage.estimation.analyser import Analyser

@@ -11,10 +11,14 @@ import argparse
 import json
 import statistics
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+
+from soliton_linkage.progress import ProgressLine
+
+Item = TypeVar('Item')
 
 PARTS = (
     'integrate',
@@ -118,6 +122,16 @@ def parser(description: str | None) -> argparse.ArgumentParser:
     made.add_argument('--rounds', type=int, help=about)
     made.add_argument('--output', type=Path, default=Path('out/benchmark.json'))
     return made
+
+
+def tracked(items: Iterable[Item], title: str, ended: str = '{} done') -> Iterator[Item]:
+    """Yield items and show the progress; `ended` is the final remark, with their number."""
+    listed = list(items)
+    progress = ProgressLine(title, len(listed))
+    for number, item in enumerate(listed):
+        progress.show(number)
+        yield item
+    progress.end(f'{title}: {ended.format(len(listed))}')
 
 
 def write(part: Part, output: Path) -> None:

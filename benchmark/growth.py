@@ -8,19 +8,25 @@ Times are processor times of the working thread. The exponent p of time ~ N^p is
 from __future__ import annotations
 
 import math
+import re
 import statistics
+import subprocess
+import sys
+import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+import rclpy
 from comparison import Figure, Part, parse, parser, write
-from growth_memory import analyser_memory, simulator_memory
 from growth_work import WORKS, Work
-from processes import own_domain
+from processes import node_command, own_domain, raw_subscription, running, take_all, until
+from wall_bag import write_wall_bag
 
 from soliton_linkage.progress import ProgressLine
+from soliton_linkage_nodes.runtime import interfaces
 
 ROTORS = (20, 100, 1000, 10_000, 100_000)
 QUICK_ROTORS = (20, 100, 1000)
@@ -114,6 +120,58 @@ def memory(rotors: int, frames: Sequence[int], folder: Path) -> list[Figure]:
         what = f'analyse_bag resident, N = {BAG_ROTORS}, {length} frames'
         figures.append(Figure(what, 'MB', [resident], 'the same at any length'))
     return figures
+
+
+FRAMES = 20
+SPEED = 0.1
+ANALYSE = """
+import sys
+from pathlib import Path
+from soliton_linkage_nodes.programs.analyse_bag import main
+main(sys.argv[1:])
+print(Path('/proc/self/status').read_text())
+"""
+
+
+def simulator_memory(rotors: int) -> float:
+    """Return the peak memory of a simulator with a moving soliton and a subscriber [B]."""
+    node = rclpy.create_node('watcher')
+    subscription = raw_subscription(node, interfaces.JOINT_STATES)
+    taken = 0
+
+    def received() -> bool:
+        nonlocal taken
+        taken += len(take_all(subscription))
+        return taken >= FRAMES
+
+    settings = {
+        'chain.number_of_rotors': rotors,
+        'initial_state': 'soliton',
+        'initial_position': rotors / 2,
+        'initial_velocity': SPEED,
+    }
+    with running(node_command('simulator', settings)) as simulator:
+        until(received, f'{FRAMES} frames', simulator)
+        status = Path(f'/proc/{simulator.pid}/status').read_text(encoding='ascii')
+    node.destroy_node()
+    return largest_resident(status)
+
+
+def analyser_memory(rotors: int, frames: int, folder: Path) -> float:
+    """Return the peak memory of `analyse_bag` on a bag with a number of frames [B]."""
+    with tempfile.TemporaryDirectory(dir=folder) as name:
+        bag = write_wall_bag(Path(name, 'wall'), rotors, frames, 'zstd')
+        command = [sys.executable, '-c', ANALYSE, str(bag), '--output', name]
+        ended = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
+    return largest_resident(ended.stdout)
+
+
+def largest_resident(status: str) -> float:
+    """Return the peak memory in the status text of a process [B]."""
+    found = re.search(r'VmHWM:\s+(\d+) kB', status)
+    if found is None:
+        raise ValueError(f'no VmHWM in {status[:100]!r}')
+    return 1024.0 * int(found[1])
 
 
 def draw(times: Times, path: Path) -> None:

@@ -12,16 +12,14 @@ from __future__ import annotations
 
 import argparse
 import math
-from pathlib import Path
 
 import numpy as np
-from comparison import Figure, Part, parser, write
+from comparison import Figure, Part, parser, tracked, write
 from identification_draws import CHAINS, Draw, draw_of
 from identification_use import figures_of_springs, figures_of_use
 
 from soliton_linkage.identification.lengths import split
 from soliton_linkage.linkage.chain import Array
-from soliton_linkage.progress import ProgressLine
 
 KINDS = ('rotor_length', 'offset', 'spacing', 'rest_length')
 """Names of the unknowns, in their order."""
@@ -47,26 +45,21 @@ def figures_of_lengths(name: str, draws: list[Draw]) -> list[Figure]:
         'bound of the angles, rms error / stated deviation without chance; rms bias / bound'
     )
     for number, kind in enumerate(KINDS):
-        part = [split(each)[number] for each in (errors, over, errors / alone, over_stated)]
-        unbiased = split(bias)[number] ** 2 - split(chance)[number] ** 2
-        numbers = (
-            _rms(part[0]),
-            math.sqrt(part[1].mean()),
-            _rms(part[2]),
-            math.sqrt(part[3].mean()),
+        own, larger, angles_alone, larger_stated, unbiased = (
+            split(each)[number]
+            for each in (errors, over, errors / alone, over_stated, bias**2 - chance**2)
         )
-        shown = *(f'{each:.3f}' for each in numbers), f'{_root(unbiased.mean()):.3f}'
+        numbers = _rms(own), _root(larger.mean()), _rms(angles_alone), _root(larger_stated.mean())
+        shown = (f'{each:.3f}' for each in (*numbers, _root(unbiased.mean())))
         print(f'  {kind:12}', *shown, flush=True)
     worst = int(np.argmax(over))
-    positions = [draw.position for draw in draws]
+    positions, stated_ratio = [draw.position for draw in draws], _root(over_stated.mean())
     return [
         Figure(f'{name}: error / bound', '', [math.sqrt(over.mean())], '1.1'),
         Figure(f'{name}: the same of the worst unknown', '', [math.sqrt(over[worst])], '1.1'),
         Figure(f'{name}: rms bias / bound', '', [_root(np.mean(bias**2 - chance**2))], '0.1'),
         Figure(f'{name}: the same of the worst unknown', '', [float(np.abs(bias).max())], '0.1'),
-        Figure(
-            f'{name}: error / stated deviation', '', [_root(over_stated.mean())], '0.95 to 1.05'
-        ),
+        Figure(f'{name}: error / stated deviation', '', [stated_ratio], '0.95 to 1.05'),
         Figure(f'{name}: position error / bound', '', [_rms(np.array(positions))], '1.05'),
     ]
 
@@ -85,12 +78,15 @@ def main() -> None:
     chosen = options.parse_args()
     if unknown := set(chosen.names) - set(CHAINS):
         options.error(f'{sorted(unknown)[0]} is not one of {", ".join(CHAINS)}')
-    usual = QUICK if chosen.quick else DRAWS
-    count = usual if chosen.draws is None else chosen.draws
+    count = chosen.draws
+    if count is None:
+        count = QUICK if chosen.quick else DRAWS
     folder = chosen.output.parent / 'identification_draws'
     figures: list[Figure] = []
     for name in chosen.names or CHAINS:
-        figures += figures_of_lengths(name, _draws(name, count, folder)) if count else []
+        numbers = tracked(range(count), name, '{} chains')
+        draws = [draw_of(name, number, folder) for number in numbers]
+        figures += figures_of_lengths(name, draws) if draws else []
         figures += figures_of_springs(name, chosen.springs) if chosen.springs else []
         figures += figures_of_use(name, chosen.use) if chosen.use else []
     write(Part('identification', figures=figures), chosen.output)
@@ -101,16 +97,6 @@ def _count(text: str) -> int:
     if not text.isdecimal():
         raise argparse.ArgumentTypeError(f'{text!r} must be a whole number of 0 or more')
     return int(text)
-
-
-def _draws(name: str, count: int, folder: Path) -> list[Draw]:
-    progress = ProgressLine(name, count)
-    made = []
-    for number in range(count):
-        made.append(draw_of(name, number, folder))
-        progress.show(number, f'{number + 1} chains')
-    progress.clear()
-    return made
 
 
 def _rms(values: Array) -> float:

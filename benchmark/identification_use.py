@@ -51,8 +51,7 @@ LONGEST = 15_000
 
 def figures_of_springs(name: str, count: int) -> list[Figure]:
     """Return the errors of chains that were identified from the motion after a kick."""
-    errors: dict[str, list[Array]] = {part: [] for part in PLURALS}
-    stated: dict[str, list[Array]] = {part: [] for part in PLURALS}
+    errors, stated = ({part: [] for part in PLURALS} for _ in range(2))
     for number in range(count):
         chain, found = _springs(name, number)
         for part, spreads in found.deviations.items():
@@ -62,14 +61,13 @@ def figures_of_springs(name: str, count: int) -> list[Figure]:
             errors[part].append(wrong)
             stated[part].append(wrong / spreads)
         print(f'{name} {number}: noise {found.noise:.5f} rad, rigid {found.rigid}', flush=True)
-    return [
-        figure
-        for part in PLURALS
-        for figure in (
-            Figure(f'{name}, springs: error of {part}', '%', [100 * _rms(errors[part])]),
-            Figure(f'{name}, springs: the same / stated deviation', '', [_rms(stated[part])]),
-        )
-    ]
+    figures = []
+    for part in PLURALS:
+        shown = [100 * _rms(errors[part])]
+        figures.append(Figure(f'{name}, springs: error of {part}', '%', shown))
+        what = f'{name}, springs: the same / stated deviation'
+        figures.append(Figure(what, '', [_rms(stated[part])]))
+    return figures
 
 
 def figures_of_use(name: str, count: int) -> list[Figure]:

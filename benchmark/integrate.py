@@ -23,16 +23,26 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
-from comparison import Comparison, Figure, Part, parser, write
-from integrate_account import WHOLE, account
+from comparison import Comparison, Figure, Part, parse, parser, write
 from integrate_peers import OURS, PEERS, Peer, Problem, Ready, heyoka_taylor
 
+from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion
+from soliton_linkage.dynamics.integrators import nystrom_loops
+from soliton_linkage.dynamics.integrators.nystrom_steps import KICKS, NystromSteps, zeros_in_line
+from soliton_linkage.dynamics.terms import (
+    VECTOR,
+    SpringTorques,
+    padded_size,
+    sum_terms,
+    term_table,
+)
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.progress import ProgressLine
 
@@ -65,16 +75,23 @@ class Setting:
         self.times.append(statistics.median(times) / self.share)
         return angles
 
+    def as_json(self) -> dict[str, Any]:
+        """Return the setting for the JSON file."""
+        numbers = {'error': self.error, 'seconds': self.times, 'set_up': self.set_up}
+        return {'setting': self.value, **numbers}
+
 
 Settings = tuple[Setting, ...]
 
 
 def main() -> None:
     plt.switch_backend('agg')
-    options = parse_arguments()
-    rounds = options.rounds or (2 if options.quick else 5)
+    made = parser(__doc__)
+    made.add_argument('--rotors', type=int, nargs='*', help='(20, 150, 1000, 10000; quick: 20)')
+    made.add_argument('--no-spinner', dest='spinner', action='store_false')
+    options = parse(made, rounds=(2, 5), rotors=([20], [20, 150, 1000, 10000]))
     problems = problems_of(options)
-    measured = {name_of(each): measure(each, rounds) for each in problems}
+    measured = {name_of(each): measure(each, options.rounds) for each in problems}
     accounts = account([each.rotors for each in problems if each.name == 'flipper'])
     details = {'curves': {name: result['curves'] for name, result in measured.items()}}
     part = Part(
@@ -87,17 +104,9 @@ def main() -> None:
     draw(details['curves'], options.output.with_name('benchmark_integrate.png'))
 
 
-def parse_arguments() -> argparse.Namespace:
-    made = parser(__doc__)
-    made.add_argument('--rotors', type=int, nargs='*', help='(20, 150, 1000, 10000; quick: 20)')
-    made.add_argument('--no-spinner', dest='spinner', action='store_false')
-    return made.parse_args()
-
-
 def problems_of(options: argparse.Namespace) -> list[Problem]:
     """Return the problems, with a tenth of the duration for --quick."""
-    sizes = options.rotors or ([20] if options.quick else [20, 150, 1000, 10000])
-    problems = [flipper(rotors) for rotors in sizes]
+    problems = [flipper(rotors) for rotors in options.rotors]
     if options.spinner and not options.quick:
         problems.append(Problem('spinner', 150, 200.0, 2.0, 1.18, 0.3))
     return [replace(each, duration=20.0) for each in problems] if options.quick else problems
@@ -120,9 +129,7 @@ def measure(problem: Problem, rounds: int) -> dict[str, Any]:
         progress.show(done, peer.name)
         if peer.name != 'MuJoCo implicitfast' or problem.rotors <= ERRORS_FROM:
             curves[peer.name] = curve_of(peer, problem, reference)
-    needed = {
-        name: [around(curve, target) for target in TARGETS] for name, curve in curves.items()
-    }
+    needed = {name: [around(each, target) for target in TARGETS] for name, each in curves.items()}
     chosen = {id(s): s for pairs in needed.values() for pair in pairs for s in pair}
     for each in chosen.values():
         each.times.clear()
@@ -131,16 +138,8 @@ def measure(problem: Problem, rounds: int) -> dict[str, Any]:
         for each in chosen.values():
             each.run()
     progress.end(f'{name_of(problem)} rotors measured')
-    return {
-        'comparisons': comparisons_of(name_of(problem), needed, curves),
-        'curves': {
-            name: [
-                {'setting': s.value, 'error': s.error, 'seconds': s.times, 'set_up': s.set_up}
-                for s in curve
-            ]
-            for name, curve in curves.items()
-        },
-    }
+    shown = {name: [setting.as_json() for setting in curve] for name, curve in curves.items()}
+    return {'comparisons': comparisons_of(name_of(problem), needed, curves), 'curves': shown}
 
 
 def comparisons_of(
@@ -205,39 +204,85 @@ def times_at(pair: Settings, target: float) -> list[float]:
         return [t for setting in pair for t in setting.times]
     coarse, fine = pair
     share = math.log(coarse.error / target) / math.log(coarse.error / fine.error)
-    return [
-        slow**share * quick ** (1 - share)
-        for quick, slow in zip(coarse.times, fine.times, strict=True)
-    ]
+    pairs = zip(coarse.times, fine.times, strict=True)
+    return [slow**share * quick ** (1 - share) for quick, slow in pairs]
+
+
+REPEATS = 7
+BUDGET = 2e6
+"""Number of rotors times number of forces in a timed call [1]; a call takes a few milliseconds."""
+
+WHOLE = 'integrating'
+STEP = 0.1
+
+
+def account(sizes: list[int]) -> dict[str, dict[str, list[float]]]:
+    """Return the time per rotor and force [ns], in long runs and in single loops."""
+    return {str(size): {WHOLE: symplectic(size), **loops(size)} for size in sizes}
+
+
+def symplectic(size: int) -> list[float]:
+    motion, state = moving(size)
+    steps = NystromSteps(motion)
+    count = max(4, math.ceil(BUDGET / size / len(KICKS)))
+    return nanoseconds(lambda: steps.advance(state, STEP, count), count * len(KICKS) * size)
+
+
+def moving(size: int) -> tuple[EquationOfMotion, Array]:
+    problem = Problem('flipper', size, 1.0, 0.5, 0.97, 0.1)
+    return EquationOfMotion(problem.chain), np.concatenate([problem.angles, problem.rates])
+
+
+def loops(size: int) -> dict[str, list[float]]:
+    """Return the times of single loops on rows so long that call overhead is negligible."""
+    longer = max(size, 8000)
+    motion, _ = moving(longer)
+    work = zeros_in_line(nystrom_loops.WORK_ROWS, padded_size(longer) + VECTOR)
+    work[:] = np.random.default_rng(1).uniform(-0.1, 0.1, work.shape)
+    table = term_table([SpringTorques(motion.chain)], longer)
+    calls: dict[str, Callable[[], object]] = {
+        'springs': lambda: sum_terms(work, longer, *table),
+        'turn': lambda: nystrom_loops.turn(work, nystrom_loops.RATES, 1e-9),
+    }
+    repeats = math.ceil(BUDGET / longer)
+    return {
+        name: nanoseconds(lambda call=call: repeated(call, repeats), repeats * longer)
+        for name, call in calls.items()
+    }
+
+
+def repeated(call: Callable[[], object], times: int) -> None:
+    for _ in range(times):
+        call()
+
+
+def nanoseconds(call: Callable[[], object], parts: int) -> list[float]:
+    """Return the time per equal part of a call [ns], one number per repetition."""
+    call()
+    times = []
+    for _ in range(REPEATS):
+        start = time.perf_counter()
+        call()
+        times.append(1e9 * (time.perf_counter() - start) / parts)
+    return times
 
 
 def figures_of(accounts: dict[str, dict[str, list[float]]]) -> list[Figure]:
-    return [
-        Figure(
-            f'{what}, per rotor and force, N = {size}',
-            'ns',
-            values,
-            'under 4 ns' if what == WHOLE else '',
-        )
-        for size, account_of in accounts.items()
-        for what, values in account_of.items()
-    ]
+    figures = []
+    for size, what in itertools.product(accounts, next(iter(accounts.values()), {})):
+        title, goal = f'{what}, per rotor and force, N = {size}', 'under 4 ns' * (what == WHOLE)
+        figures.append(Figure(title, 'ns', accounts[size][what], goal))
+    return figures
 
 
 def growth_of(measured: dict[str, dict[str, Any]], problems: list[Problem]) -> list[Figure]:
     """Return the ratio of times per rotor in the longest and the shortest chain."""
     flippers = [each for each in problems if each.name == 'flipper']
     short, long = (end(flippers, key=lambda each: each.rotors) for end in (min, max))
-    times = [
-        next(
-            c.ours for c in measured[name_of(each)]['comparisons'] if f'{TARGETS[-1]:g}' in c.work
-        )
-        for each in (short, long)
-    ]
-    per_rotor = [
-        (t_long / long.rotors) / (t_short / short.rotors)
-        for t_short, t_long in zip(*times, strict=True)
-    ]
+    found = [measured[name_of(each)]['comparisons'] for each in (short, long)]
+    times = [next(c.ours for c in each if f'{TARGETS[-1]:g}' in c.work) for each in found]
+    ratio = short.rotors / long.rotors
+    per_rotor = [ratio * t_long / t_short for t_short, t_long in zip(*times, strict=True)]
     what = f'time per rotor, {long.rotors} / {short.rotors} rotors'
     return [Figure(what, '', per_rotor, 'linear in N: 1')] if short != long else []
 
@@ -252,13 +297,9 @@ def compilation() -> list[Figure]:
     with tempfile.TemporaryDirectory() as folder:
         environment = {**os.environ, 'NUMBA_CACHE_DIR': folder}
         for _ in range(2):
+            how: Any = {'capture_output': True, 'check': True, 'text': True}
             done = subprocess.run(
-                [sys.executable, '-c', command],
-                cwd=Path(__file__).parent,
-                env=environment,
-                capture_output=True,
-                check=True,
-                text=True,
+                [sys.executable, '-c', command], cwd=Path(__file__).parent, env=environment, **how
             )
             seconds.append(float(done.stdout.splitlines()[-1]))
     return [

@@ -15,6 +15,7 @@ from functools import cached_property, lru_cache, partial
 import heyoka
 import mujoco
 import numpy as np
+from plain_chain import derivative as plain_derivative
 from scipy.integrate import solve_ivp
 
 from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion
@@ -85,31 +86,13 @@ def symplectic(problem: Problem, tolerance: float) -> Ready:
 
 def plain_scipy(problem: Problem, tolerance: float) -> Ready:
     """Prepare DOP853 of scipy with a right-hand side in numpy."""
-    number, a, r = problem.rotors, problem.chain.spacing, problem.chain.rotor_length
-    rest_length = problem.chain.rest_length
-
-    def derivative(_time: float, state: Array) -> Array:
-        angles, rates = state[:number], state[number:]
-        x, z = a * np.arange(number) + r * np.sin(angles), r * np.cos(angles)
-        dx, dz = np.diff(x), np.diff(z)
-        length = np.sqrt(dx**2 + dz**2)
-        tension = (length - rest_length) / length
-        force_x, force_z = np.zeros(number), np.zeros(number)
-        force_x[:-1] += tension * dx
-        force_x[1:] -= tension * dx
-        force_z[:-1] += tension * dz
-        force_z[1:] -= tension * dz
-        torque = r * (np.cos(angles) * force_x - np.sin(angles) * force_z)
-        return np.concatenate([rates, torque / r**2])
-
     start = np.concatenate([problem.angles, problem.rates])
 
     def run() -> Array:
-        span = 0.0, problem.duration
-        solution = solve_ivp(
-            derivative, span, start, method='DOP853', rtol=tolerance, atol=tolerance
-        )
-        return solution.y[:number, -1]
+        span, rule = (0.0, problem.duration), partial(plain_derivative, problem.chain)
+        limits = {'rtol': tolerance, 'atol': tolerance}
+        solution = solve_ivp(lambda _, state: rule(state), span, start, method='DOP853', **limits)
+        return solution.y[: problem.rotors, -1]
 
     return lambda: run
 

@@ -24,7 +24,7 @@ from typing import Any
 
 import processes
 import rclpy
-from comparison import Figure, Part, parse, parser, write
+from comparison import Figure, Part, parse, parser, tracked, write
 from diagnostic_msgs.msg import DiagnosticArray
 from live_watchers import ASK
 from rclpy.node import Node
@@ -185,7 +185,7 @@ def pictures(browser: Any, rotors: int, rate: float, seconds: float, rounds: int
     with scene(rotors, 100.0 if rotors > 100 else 500.0, rate) as stage:
         page = visit(browser)
         time.sleep(SETTLING)
-        for _ in processes.tracked(range(rounds), work, '{} rounds'):
+        for _ in tracked(range(rounds), work, '{} rounds'):
             before, count, begun = now(stage, page)
             time.sleep(seconds)
             after, more, ended = now(stage, page)
@@ -215,7 +215,7 @@ def delay(browser: Any, nudges: int) -> list[Figure]:
     delays = []
     with scene() as stage:
         page = visit(browser)
-        for _ in processes.tracked(range(nudges), 'nudges'):
+        for _ in tracked(range(nudges), 'nudges'):
             stage.reset()
             time.sleep(0.5)
             delays.append(1e-3 * page.evaluate(LATENCY, ['live-nudge', MOVED]))

@@ -139,15 +139,15 @@ def measure(
     """Return processor load [cores], resident and unshared memory [MB], and missing states."""
     period = round(SECOND / arguments.rate)
     chains = Chains(node, named, moved, period, arguments.chains)
-    with analysers(arguments.chains, together) as processes:
+    with analysers(arguments.chains, together) as started:
         processes.until(lambda: chains.ready, 'analyser of each chain')
         chains.publish(SETTLING)
-        before = [processes.processor_time(process.pid) for process in processes]
+        before = [processes.processor_time(process.pid) for process in started]
         begin = time.monotonic()
         sent, answered = chains.publish(arguments.seconds)
         took = time.monotonic() - begin
-        used = sum(processes.processor_time(p.pid) for p in processes) - sum(before)
-        sizes = [memory(process.pid) for process in processes]
+        used = sum(processes.processor_time(p.pid) for p in started) - sum(before)
+        sizes = [memory(process.pid) for process in started]
     return used / took, *map(sum, zip(*sizes, strict=True)), sent - answered
 
 

@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
@@ -19,11 +19,9 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
-from soliton_linkage.progress import ProgressLine
 from soliton_linkage_nodes.runtime.child_processes import private_domain
 from soliton_linkage_nodes.runtime.interfaces import Topic
 
-Item = TypeVar('Item')
 Result = TypeVar('Result')
 
 LONGEST_WAIT = 300.0
@@ -84,16 +82,6 @@ def until(
             raise TimeoutError(f'no {what} within {LONGEST_WAIT:g} s')
         time.sleep(POLL)
     return found
-
-
-def tracked(items: Iterable[Item], title: str, ended: str = '{} done') -> Iterator[Item]:
-    """Yield items and show the progress; `ended` is the final remark, with their number."""
-    listed = list(items)
-    progress = ProgressLine(title, len(listed))
-    for number, item in enumerate(listed):
-        progress.show(number)
-        yield item
-    progress.end(f'{title}: {ended.format(len(listed))}')
 
 
 def raw_subscription(

@@ -18,8 +18,8 @@ from pathlib import Path
 
 import numpy as np
 import rclpy
-from comparison import Comparison, Figure, Part, parse, parser, write
-from processes import own_domain, program_command, running, tracked, until
+from comparison import Comparison, Figure, Part, parse, parser, tracked, write
+from processes import own_domain, program_command, running, until
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState

@@ -21,8 +21,8 @@ from typing import Any
 
 import numpy as np
 import rclpy
-from comparison import Figure, Part, parse, parser, write
-from processes import node_command, own_domain, raw_subscription, running, take_all, tracked, until
+from comparison import Figure, Part, parse, parser, tracked, write
+from processes import node_command, own_domain, raw_subscription, running, take_all, until
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 import processes
 import rclpy
-from comparison import Comparison, Figure, Part, parse, parser, write
+from comparison import Comparison, Figure, Part, parse, parser, tracked, write
 from rclpy.publisher import Publisher
 from record_peer import SUBSCRIPTIONS
 from rosbags.highlevel import AnyReader
@@ -227,7 +227,7 @@ def reading(folder: Path, sizes: Sequence[int], rounds: int, quick: bool) -> Par
             'analyse': analyse,
         }
         rates: dict[str, list[float]] = {name: [] for name in ways}
-        for _ in processes.tracked(range(rounds), f'reading {rotors} rotors'):
+        for _ in tracked(range(rounds), f'reading {rotors} rotors'):
             for name, way in ways.items():
                 start = time.thread_time()
                 done = way(bag)

@@ -30,9 +30,8 @@ from live import BROWSERS, PORT, Reports, chromium, heap, memory, visit
 from processes import node_command, own_domain, processor_time
 from rclpy.action import ActionClient
 from rclpy.node import Node
-from soak_bag import BagAudit
-from soak_ledger import Ledger
 from soak_page import verdicts, write_page
+from soak_records import BagAudit, Ledger
 from std_msgs.msg import Float64
 
 from soliton_linkage.progress import ProgressLine

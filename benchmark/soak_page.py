@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from soak_ledger import Entry, Ledger
+from soak_records import Entry, Ledger
 
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage_studies.palette import BLACK, COLOURS, GREY, ORANGE, SKY

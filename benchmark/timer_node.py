@@ -12,13 +12,14 @@ import sys
 
 import numpy as np
 import rclpy
+from plain_chain import derivative
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from scipy.integrate import solve_ivp
 from sensor_msgs.msg import JointState
 
 from soliton_linkage.dynamics.initial_states import with_soliton
-from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.linkage.chain import Chain
 
 
 class TimerNode(Node):
@@ -28,6 +29,7 @@ class TimerNode(Node):
         """Start with a soliton at a position [rotor spacings] with a velocity [m/s]."""
         super().__init__('timer_node')
         self.chain = Chain(number_of_rotors=rotors)
+        self.derive = lambda _time, state: derivative(self.chain, state)
         start = with_soliton(self.chain, position, velocity)
         self.state = np.concatenate([start.angles, start.rates])
         self.names = [f'rotor_{rotor}' for rotor in range(rotors)]
@@ -37,7 +39,7 @@ class TimerNode(Node):
 
     def on_timer(self) -> None:
         """Advance the chain by a period and publish its state."""
-        solution = solve_ivp(self.derivative, (0.0, self.period), self.state, rtol=1e-6, atol=1e-9)
+        solution = solve_ivp(self.derive, (0.0, self.period), self.state, rtol=1e-6, atol=1e-9)
         self.state = solution.y[:, -1]
         rotors = self.chain.number_of_rotors
         message = JointState()
@@ -46,24 +48,6 @@ class TimerNode(Node):
         message.position = self.state[:rotors].tolist()
         message.velocity = self.state[rotors:].tolist()
         self.publisher.publish(message)
-
-    def derivative(self, _time: float, state: Array) -> Array:
-        """Return the rates and accelerations of a chain of springs."""
-        chain = self.chain
-        number, r = chain.number_of_rotors, chain.rotor_length
-        angles, rates = state[:number], state[number:]
-        x = chain.spacing * np.arange(number) + r * np.sin(angles)
-        z = r * np.cos(angles)
-        dx, dz = np.diff(x), np.diff(z)
-        length = np.sqrt(dx**2 + dz**2)
-        tension = chain.stiffness * (length - chain.rest_length) / length
-        force_x, force_z = np.zeros(number), np.zeros(number)
-        force_x[:-1] += tension * dx
-        force_x[1:] -= tension * dx
-        force_z[:-1] += tension * dz
-        force_z[1:] -= tension * dz
-        torques = r * (np.cos(angles) * force_x - np.sin(angles) * force_z)
-        return np.concatenate([rates, torques / chain.moment_of_inertia])
 
 
 def main() -> None:

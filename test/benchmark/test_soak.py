@@ -6,9 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from soak_bag import BagAudit
-from soak_ledger import Ledger
 from soak_page import slope, verdicts, write_page
+from soak_records import BagAudit, Ledger
 
 from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
 from soliton_linkage_nodes.runtime import interfaces
