@@ -31,7 +31,6 @@ from soliton_linkage_studies.unit_cell import (
     configuration_curves,
     flipper_limit,
     ground_states,
-    motion_of,
     partner_angles,
     spinner_limit,
     windings,
@@ -204,21 +203,16 @@ def test_two_rotors_on_a_rigid_bar_run_along_the_curve(example, sense):
         assert np.abs(recording.angles - angles).max() < 10 * TRACED
 
 
-@given(RATIOS, REST_ANGLES)
-def test_motion_of_agrees_with_the_class_of_the_chain(ratio, rest_angle):
-    chain = chain_of((ratio, rest_angle), 2)
-    d, d_c = chain.lean_ratio, chain.critical_lean_ratio
-    assume(abs(d - 1) > 8 * EPS and abs(d / d_c - 1) > 8 * EPS)
-    assert list(Motion)[int(motion_of(ratio, rest_angle))] is chain.motion
-
-
 @given(REST_ANGLES, st.floats(1e-14, 0.5), st.sampled_from([-1, 1]))
 def test_the_limits_separate_the_classes(rest_angle, share, side):
     factor = 1 + side * share
     first, second = flipper_limit(rest_angle), spinner_limit(rest_angle)
     assert first < second
-    assert motion_of(first * factor, rest_angle) == (1 if side > 0 else 0)
-    assert (motion_of(second * factor, rest_angle) == 2) == (side > 0)
+    wobbling, spinning = (
+        Chain(2, 1.0, limit * factor, rest_angle).motion for limit in (first, second)
+    )
+    assert (wobbling is not Motion.FLIPPER) == (spinning is Motion.SPINNER) == (side > 0)
+    assert wobbling is not Motion.SPINNER
 
 
 def test_at_d_c_itself_a_curve_is_still_closed():

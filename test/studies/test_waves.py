@@ -15,11 +15,11 @@ from soliton_linkage.linear.bands import band_edges
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.orbit.deviating_orbit import orbit_of
 from soliton_linkage_studies.accuracy.walls import nearest_arc
+from soliton_linkage_studies.experiments import energy_per_rotor
 from soliton_linkage_studies.waves import program
 from soliton_linkage_studies.waves.program import (
     Burst,
     WaveTask,
-    energy_per_rotor,
     group_velocity,
     packet_velocity,
     spectrum,
@@ -46,8 +46,8 @@ def test_a_small_packet_moves_at_the_group_velocity(frequency):
     run = WaveTask(SPINNER, Burst(frequency, 12.0, 0.005), 4.0)()
     velocity = packet_velocity(SPINNER, run.recording, 30)
     assert velocity == pytest.approx(group_velocity(SPINNER, frequency), rel=0.05)
-    energies = energy_per_rotor(SPINNER, run.recording).sum(axis=1)
     recording = run.recording
+    energies = energy_per_rotor(SPINNER, recording.angles, recording.rates).sum(axis=1)
     total = SPINNER.elastic_energy(recording.angles) + SPINNER.kinetic_energy(recording.rates)
     np.testing.assert_allclose(energies, total, rtol=1e-12, atol=1e-20)
 

@@ -80,10 +80,6 @@ PIXELS: Any = {
 """Keywords of `Axes.imshow` for images of displacements or order fields."""
 _MARGIN = 0.35
 """Width of the margin around the area that the rotors can reach [rotor spacings]."""
-_ROW = 0.3
-"""Height of a row of displacement arrows [rotor spacings]."""
-_ARROW = 1.2
-"""Default length of the arrow for a mode component of 1, divided by the larger of a and r [1]."""
 
 
 def pivot_points(chain: Chain) -> Array:
@@ -340,7 +336,7 @@ def _quiver(
 
 
 def _stretched(chain: Chain, angles: Array, mode: Array, arrow_length: float | None) -> Array:
-    longest = arrow_length or _ARROW * max(chain.rotor_length, chain.spacing)
+    longest = arrow_length or 1.2 * max(chain.rotor_length, chain.spacing)
     return longest / chain.rotor_length * mode_arrows(chain, angles, mode)
 
 
@@ -352,7 +348,7 @@ def _rows(chain: Chain) -> Array:
     rows = math.ceil(chain.rotor_length / chain.spacing)
     row = np.arange(chain.number_of_rotors) % rows
     reach = float(chain.rotor_lengths.max()) + _MARGIN * chain.spacing
-    return np.asarray(-reach - _ROW * chain.spacing * (row + 0.5))
+    return np.asarray(-reach - 0.3 * chain.spacing * (row + 0.5))
 
 
 def _turned(tilt: float) -> Array:

@@ -74,6 +74,13 @@ def slow_crossing_time(chain: Chain, kick: float) -> float:
     return (chain.number_of_rotors - 1) * way / kick
 
 
+def energy_per_rotor(chain: Chain, angles: Array, rates: Array) -> Array:
+    """Return kinetic energy plus half the energy of the springs of each rotor [J], (..., N)."""
+    of_springs = 0.5 * chain.stiffnesses * chain.spring_extensions(angles) ** 2
+    kinetic = 0.5 * chain.moments_of_inertia * rates**2
+    return np.asarray(kinetic + chain.gathered(of_springs / 2, of_springs / 2))
+
+
 @dataclass(frozen=True)
 class Snapshots:
     """K frames in which a wall moves through the middle of a chain of N rotors."""

@@ -20,12 +20,8 @@ from numpy.typing import ArrayLike
 from soliton_linkage.linear.bands import couplings
 from soliton_linkage.linkage.chain import Chain
 
-_RESOLUTION = 150
-"""Resolution of PNG pictures [pixels per inch]."""
 _DIGITS = 5
 """Number of significant digits in a table [1]."""
-_LINE = 95
-"""Largest number of characters in a line of a caption."""
 _FUNCTIONS = ('sin', 'cos', 'ln', 'min', 'max')
 _ROUNDING = 1e-11
 """Smaller errors are rounding errors and written as 0 in a table [1]."""
@@ -169,7 +165,7 @@ def save_page(report: FigureReport, folder: Path, name: str, table: str = 'table
 def save_figure(figure: Figure, path: Path) -> None:
     """Write a figure in the format of the path's suffix; equal figures give equal files."""
     metadata = {'CreationDate': None} if path.suffix == '.pdf' else None
-    figure.savefig(path, dpi=_RESOLUTION, metadata=metadata)
+    figure.savefig(path, dpi=150, metadata=metadata)
 
 
 def save_caption(caption: str, path: Path) -> None:
@@ -177,7 +173,7 @@ def save_caption(caption: str, path: Path) -> None:
     paragraphs = [' '.join(each.split()) for each in re.split(r'\n\s*\n', caption.strip())]
     if not any(paragraphs):
         raise ValueError(f'{path.stem} has no caption; describe its content and its colours')
-    text = '\n\n'.join(textwrap.fill(each, _LINE) for each in paragraphs)
+    text = '\n\n'.join(textwrap.fill(each, 95) for each in paragraphs)
     path.write_text(f'{text}\n', encoding='utf-8')
 
 

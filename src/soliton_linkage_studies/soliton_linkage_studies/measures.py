@@ -70,12 +70,13 @@ def follow_wall(chain: Chain, edge: Edge = Edge.FIRST, legs: int = 2) -> tuple[L
     mode = edge_mode(chain, angles, edge, anywhere=True)
     spinner = chain.motion is Motion.SPINNER
     rates = mode if spinner else -mode
-    walker = _Walker(RigidSimulation(chain, angles, rates, _frame_arc(chain), _TOLERANCE), start)
+    simulation = RigidSimulation(chain, angles, rates, _frame_arc(chain), _TOLERANCE)
     if not spinner:
-        walker.leg()
+        start, _ = _leg(simulation, start)
     ways: list[Leg] = []
     while len(ways) < legs and (not ways or ways[-1].crossed):
-        ways.append(walker.leg())
+        start, way = _leg(simulation, start)
+        ways.append(way)
     return tuple(ways)
 
 
@@ -98,45 +99,39 @@ def check_passable(chain: Chain) -> None:
     )
 
 
-class _Walker:
-    def __init__(self, simulation: RigidSimulation, edge: int) -> None:
-        self._simulation = simulation
-        self._last = simulation.chain.number_of_rotors - 1
-        self._longest = 4 * math.pi * simulation.chain.number_of_rotors
-        self._edge = edge
-        self._update()
+def _leg(simulation: RigidSimulation, left: int) -> tuple[int, Leg]:
+    """Simulate until the wall that has left an edge rotor arrives at one; return this and the leg.
 
-    def leg(self) -> Leg:
-        start, left = self._simulation.frame, self._edge
-        direction = -1 if left else 1
-        departure = furthest = self._centre
-        arrived, arc = None, 0.0
-        while arrived is None and arc <= self._longest:
-            edges = self._edges
-            self._simulation.advance()
-            self._update()
-            furthest = direction * max(direction * furthest, direction * self._centre)
-            departed = direction * (furthest - departure) > _DEPARTED
-            arrived = self._arrived(edges, left, departed)
-            arc = (self._simulation.frame - start) * self._simulation.period
-        if arrived is not None:
-            self._edge = arrived
-        return Leg(direction, arrived == self._last - left, furthest, arc)
+    If the wall arrives nowhere, the returned edge is `left`.
+    """
+    chain, first = simulation.chain, simulation.frame
+    last, direction = chain.number_of_rotors - 1, -1 if left else 1
+    centre, peak, toggled = _wall(chain, simulation.angles)
+    departure = furthest = centre
+    arc, longest = 0.0, 4 * math.pi * chain.number_of_rotors
+    while arc <= longest:
+        before = toggled
+        simulation.advance()
+        centre, peak, toggled = _wall(chain, simulation.angles)
+        furthest = direction * max(direction * furthest, direction * centre)
+        departed = direction * (furthest - departure) > _DEPARTED
+        arc = (simulation.frame - first) * simulation.period
+        if chain.motion is Motion.SPINNER:
+            arrived = [peak] if peak in (0, last) and (peak != left or departed) else []
+        else:
+            passed = zip((0, last), before, toggled, strict=True)
+            arrived = [rotor for rotor, was, now in passed if was != now]
+        if arrived:
+            return arrived[0], Leg(direction, arrived[0] == last - left, furthest, arc)
+    return left, Leg(direction, False, furthest, arc)
 
-    def _update(self) -> None:
-        chain, angles = self._simulation.chain, self._simulation.angles
-        mode = zero_mode(chain, angles)
-        first, second = rigidity_bands(chain, angles)
-        self._centre = mode_centre(mode)
-        self._peak = int(np.argmax(np.abs(mode)))
-        self._edges = (bool(first[0] > 0), bool(second[-1] > 0))
 
-    def _arrived(self, before: tuple[bool, bool], left: int, departed: bool) -> int | None:
-        if self._simulation.chain.motion is not Motion.SPINNER:
-            passed = [self._edges[0] != before[0], self._edges[1] != before[1]]
-            return 0 if passed[0] else self._last if passed[1] else None
-        at_edge = self._peak in (0, self._last) and (self._peak != left or departed)
-        return self._peak if at_edge else None
+def _wall(chain: Chain, angles: Array) -> tuple[float, int, tuple[bool, bool]]:
+    """Return centre and peak of the zero mode, and on which side of its spring each edge is."""
+    mode = zero_mode(chain, angles)
+    first, second = rigidity_bands(chain, angles)
+    toggled = bool(first[0] > 0), bool(second[-1] > 0)
+    return mode_centre(mode), int(np.argmax(np.abs(mode))), toggled
 
 
 def _frame_arc(chain: Chain) -> float:

@@ -165,8 +165,6 @@ def _started(task: MoveTask, orbit: UniformOrbit) -> tuple[Chain, Array]:
     )
 
 
-_QUICK_MOVES = 2
-"""Number of moves per chain and condition in a quick study [1]."""
 _KEYS = ('seed', 'frame_rate', 'moves', 'held', 'torque_limit', 'conditions', 'chains')
 
 
@@ -182,7 +180,7 @@ def read_moves(settings: Section, quick: bool) -> dict[MoveKey, list[MoveTask]]:
     tasks = {}
     for number, (name, chain) in enumerate(settings.chains().items()):
         random, last = np.random.default_rng([seed, number]), chain.number_of_rotors - 1
-        positions = random.uniform(0, last, (moves, 2))[: _QUICK_MOVES if quick else moves]
+        positions = random.uniform(0, last, (moves, 2))[: 2 if quick else moves]
         for title, condition in conditions.items():
             tasks[name, title] = [
                 MoveTask(chain, condition, start, goal, seed + move, frame_rate, held, limit)

@@ -182,8 +182,6 @@ def _edges(times: Array) -> tuple[float, float]:
     return float(times[0] - period / 2), float(times[-1] + period / 2)
 
 
-_WORST = 3
-"""Number of labelled bonds [1]: those with the largest residuals."""
 _CAPTION = """
 Top: relative deviations of each rotor length (blue), pivot spacing (green) and spring or bar
 length (red) from their means, with error bars of one standard deviation. Middle: offset of each
@@ -240,7 +238,7 @@ def _draw_bonds(axes: Axes, found: Identification) -> None:
     axes.bar(positions, found.bond_noise, color=palette.BLUE, width=0.7)
     axes.axhline(found.reading_noise, color=palette.BLACK, linewidth=0.8)
     top = float(np.max(found.bond_noise))
-    for bond in found.worst_bonds[:_WORST]:
+    for bond in found.worst_bonds[:3]:
         axes.text(bond + 0.5, found.bond_noise[bond] + 0.02 * top, f'{bond}', ha='center')
     axes.set(ylabel='noise estimated from each bond [rad]', ylim=(0, 1.15 * top))
     axes.set_xlabel('rotor n [1]')

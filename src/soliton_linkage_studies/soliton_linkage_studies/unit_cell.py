@@ -117,13 +117,6 @@ def component_of(chain: Chain, configurations: ArrayLike) -> Integers:
     return np.asarray(np.sin(given.sum(axis=-1)) < 0, dtype=np.int64)
 
 
-def motion_of(ratios: ArrayLike, rest_angles: ArrayLike) -> Integers:
-    """Return the index in `Motion` of the motion class, for ratios r / a and rest angles [rad]."""
-    sine = np.sin(np.asarray(rest_angles))
-    lean_ratio = 2 * np.asarray(ratios) * sine
-    return np.asarray((lean_ratio > 1).astype(np.int64) + (lean_ratio > 2 / sine))
-
-
 def flipper_limit(rest_angles: ArrayLike) -> Array:
     """Return 1 / (2 sin(theta_bar)), the ratio r / a above which flippers wobble (d > 1)."""
     return np.asarray(0.5 / np.sin(np.asarray(rest_angles)))

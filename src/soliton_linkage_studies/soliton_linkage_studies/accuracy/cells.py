@@ -20,24 +20,10 @@ from soliton_linkage.solitons.static_wall import site_arc
 from soliton_linkage_studies.accuracy.walls import reach
 
 _MOTIONS = tuple(Motion)
-_ROTORS = (10, 200)
-"""Range of the number of rotors [1]."""
-_NOISES = (0.001, 0.1)
-"""Range of the standard deviation of the angle noise [rad]."""
-_SPEEDS = (0.02, 0.9)
-"""Range of the wall speed [speed of sound]."""
 _PERIODS = (0.05, 0.5)
 """Range of the frame period [time units]: 1000 to 100 Hz for M = 0.02 kg and k_e = 50 N/m."""
-_RUNS = (50, 400)
-"""Range of the number of frames in a record [1]."""
-_PHONONS = (0.001, 0.03)
-"""Range of the root mean square of the rotor rates due to phonons [rad / time unit]."""
-_REST_ANGLES = (0.3, 1.3)
-"""Range of the rest angle [rad]."""
 _NEAREST = 0.02
 """Smallest |d - d_c| / d_c of a random cell [1]: lean ratio d and its critical value d_c."""
-_FLIPPERS = (0.1, 1.0)
-"""Range of the lean ratio d of flippers [1]."""
 _WIDEST = 3.0
 """Largest lean ratio d of spinners, divided by the critical value d_c [1]."""
 _LONGEST = 4.0
@@ -45,8 +31,6 @@ _LONGEST = 4.0
 _APART = 1.6
 """With W > 1 walls, a random cell has at least 2 W k `reach(chain)` rotors, where k is this
 number [1]."""
-_SEVERAL = (1, 1, 1, 2, 4)
-"""A random cell has one of these numbers of walls [1], drawn with equal probability."""
 
 
 @dataclass(frozen=True)
@@ -125,22 +109,22 @@ class AccuracyCell:
 
 
 def random_cells(seed: int, count: int) -> list[AccuracyCell]:
-    """Draw random cells from the ranges of this module, with alternating motion classes."""
+    """Draw random cells, with alternating motion classes."""
     return [_drawn(number, np.random.default_rng([seed, number])) for number in range(count)]
 
 
 def _drawn(number: int, random: np.random.Generator) -> AccuracyCell:
     motion = _MOTIONS[number % len(_MOTIONS)]
-    walls = int(random.choice(_SEVERAL))
+    walls = int(random.choice((1, 1, 1, 2, 4)))
     chain = _chain(motion, walls, random)
-    lively, phonons = bool(random.integers(2)), _between(_PHONONS, random)
+    lively, phonons = bool(random.integers(2)), _between(0.001, 0.03, random)
     return AccuracyCell(
         name=f'{number}',
         chain=chain,
-        noise=_between(_NOISES, random),
-        speed=_between(_SPEEDS, random),
-        period=_between(_PERIODS, random),
-        run=round(_between(_RUNS, random)),
+        noise=_between(0.001, 0.1, random),
+        speed=_between(0.02, 0.9, random),
+        period=_between(*_PERIODS, random),
+        run=round(_between(50, 400, random)),
         phonons=phonons if lively else 0.0,
         walls=walls,
     )
@@ -148,11 +132,11 @@ def _drawn(number: int, random: np.random.Generator) -> AccuracyCell:
 
 def _chain(motion: Motion, walls: int, random: np.random.Generator) -> Chain:
     while True:
-        rotors = round(_between(_ROTORS, random))
-        rest_angle = float(random.uniform(*_REST_ANGLES))
+        rotors = round(_between(10, 200, random))
+        rest_angle = float(random.uniform(0.3, 1.3))
         critical = 2 / math.sin(rest_angle)
         low, high = {
-            Motion.FLIPPER: _FLIPPERS,
+            Motion.FLIPPER: (0.1, 1.0),
             Motion.WOBBLING_FLIPPER: (1.0, (1 - _NEAREST) * critical),
             Motion.SPINNER: ((1 + _NEAREST) * critical, _WIDEST * critical),
         }[motion]
@@ -168,18 +152,15 @@ def chain_of(rotors: int, rest_angle: float, lean_ratio: float) -> Chain:
     return Chain(rotors, Chain.spacing, length, rest_angle)
 
 
-def _between(ends: tuple[float, float], random: np.random.Generator) -> float:
-    return float(np.exp(random.uniform(*np.log(ends))))
+def _between(low: float, high: float, random: np.random.Generator) -> float:
+    """Return a random number whose logarithm is uniform."""
+    return float(np.exp(random.uniform(*np.log((low, high)))))
 
 
 _LEANS = {'flipper': (33, 0.9, 0.7), 'wobbler': (33, 0.8, 1.6), 'spinner': (33, 1.1, 3.4)}
 """Number of rotors, rest angle [rad] and lean ratio d of one chain per motion class."""
-_OTHER = 1.3
-"""Lean ratio that the analyser of an `other_chain` cell is given, divided by the true one [1]."""
 _FORCED_SPEED = 0.15
 """Initial wall speed in the cells with force terms [speed of sound]."""
-_DISORDERS = (0.01, 0.03, 0.05, 0.1)
-"""Relative standard deviations in the cells with disorder [1]."""
 
 
 def hard_cells() -> list[AccuracyCell]:
@@ -251,7 +232,7 @@ def _with_forces(chain: Chain) -> dict[str, Chain]:
 
 def _of_class(name: str, chain: Chain) -> list[AccuracyCell]:
     plain = AccuracyCell(name, chain, 0.01, 0.15, 0.2, 150)
-    other = chain_of(chain.number_of_rotors, chain.rest_angle, _OTHER * chain.lean_ratio)
+    other = chain_of(chain.number_of_rotors, chain.rest_angle, 1.3 * chain.lean_ratio)
     cases: dict[str, dict[str, Any]] = {
         'nudged': {'nudged': True, 'run': 2000},
         'outliers_1': {'outliers': 0.01},
@@ -265,7 +246,7 @@ def _of_class(name: str, chain: Chain) -> list[AccuracyCell]:
         'other_chain': {'configured_chain': other},
         'pushed': {'impulse_interval': 200, 'run': 600},
         'pushes_told': {'impulse_interval': 200, 'run': 600, 'impulses_known': True},
-        **{f'disorder_{100 * share:g}': {'disorder': share} for share in _DISORDERS},
+        **{f'disorder_{100 * share:g}': {'disorder': share} for share in (0.01, 0.03, 0.05, 0.1)},
     }
     cells = [replace(plain, name=f'{case}_{name}', **given) for case, given in cases.items()]
     return [plain, *cells]

@@ -38,10 +38,6 @@ independent integrator; their widths are from fits of tanh.
 SIMULATED, RECORDED = 'contraction_simulated', 'contraction_recorded'
 """File names of results for simulated walls and for walls recorded by the nodes."""
 _SOURCES = {SIMULATED: 'simulated frames', RECORDED: 'bags that the nodes recorded'}
-_QUICK_EVERY = 4
-"""Quick studies use only every n-th kick, for this number n [1]."""
-_QUICK_FRAMES = 400
-"""Largest number of frames per wall in a quick study [1]."""
 _FEWEST_FRAMES = 10
 """Smallest number of frames with the wall in the middle of the chain that give a result [1]."""
 
@@ -178,7 +174,7 @@ def read_contraction_study(section: Section, quick: bool) -> ContractionStudy:
     chains = section.sections('chains')
     walls = tuple(_walls(name, each, quick) for name, each in chains.items())
     study = ContractionStudy(walls, **section.values_of(ContractionStudy, 'chains'))
-    return replace(study, frames=min(study.frames, _QUICK_FRAMES)) if quick else study
+    return replace(study, frames=min(study.frames, 400)) if quick else study
 
 
 def _walls(name: str, section: Section, quick: bool) -> Walls:
@@ -194,7 +190,7 @@ def _walls(name: str, section: Section, quick: bool) -> Walls:
     pairs = zip(found['speeds'], found['widths'], strict=True)
     reference = dict(zip(known_kicks, pairs, strict=True))
     chain = section.chain()
-    return Walls(name, chain, kicks[::_QUICK_EVERY] if quick else kicks, reference)
+    return Walls(name, chain, kicks[::4] if quick else kicks, reference)
 
 
 def _draw(

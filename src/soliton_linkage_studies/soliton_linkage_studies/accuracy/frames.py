@@ -28,10 +28,6 @@ from soliton_linkage_studies.settings import Section, chain_from
 
 _CHUNK = 250
 """Number of frames per task [1]; each task has its own random seed."""
-_QUICK_FRAMES = 400
-"""Largest number of frames per chain and noise in a quick study [1]."""
-_POINTS = 81
-"""Number of evenly spaced wall positions [1] at which the bias is computed."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +46,7 @@ class FrameStudy:
         cells = product(range(len(self.chains)), range(len(self.noises)), range(self._chunks))
         return [
             *(partial(self.sample, *numbers) for numbers in cells),
-            *(partial(bias_by_position, chain, _POINTS) for chain in self.chains),
+            *(partial(bias_by_position, chain, 81) for chain in self.chains),
         ]
 
     def write(self, results: Sequence[Any], folder: Path) -> None:
@@ -89,7 +85,7 @@ def read_frame_study(section: Section, quick: bool) -> FrameStudy:
     values = section.values_of(EstimatorTrial, 'chains', 'noises', 'seed')
     trial = EstimatorTrial(math.nan, **values)
     if quick:
-        trial = replace(trial, frames=min(trial.frames, _QUICK_FRAMES))
+        trial = replace(trial, frames=min(trial.frames, 400))
     chains = tuple(_chain_of(each) for each in section.sections('chains').values())
     noises, seed = section.numbers('noises', 1e-9, 1.0), section.whole_number('seed', 0, 2**32)
     return FrameStudy(chains, noises, trial, seed)

@@ -57,14 +57,10 @@ an estimator is regarded as unbiased. Values below {{rounding:g}} are drawn at t
 _STYLES = dict(zip(ESTIMATORS, cycle(zip(COLOURS, MARKERS, strict=True)), strict=False))
 _SIZE = 6
 """Marker size [points]."""
-_OFFSET = 0.15
-"""Horizontal offset between the estimators for one chain [distance between chains]."""
 _SIGNIFICANT = 3.0
 """Biases above this count as nonzero [standard errors]; 0.3 % of unbiased cases exceed it."""
 _UNBIASED = 0.002
 """An estimator counts as unbiased if its absolute bias is below this [rotor spacings]."""
-_LEAST_BIAS = 1e-5
-"""Lower limit of the bias axis [rotor spacings]."""
 _ROUNDING = 1e-12
 """Lower limit of the axis of noiseless biases [rotor spacings]."""
 _BEYOND = 'position beyond an even rotor [rotor spacings]'
@@ -85,7 +81,7 @@ def draw_accuracy(lines: Sequence[Line]) -> FigureReport:
         _dress(column, noise, [class_and_shape(chain) for chain in chains])
     panels[0, 0].set(ylabel='a  standard deviation / bound [1]', yscale='log')
     panels[1, 0].set(ylabel='b  |bias| [rotor spacings]', yscale='log')
-    panels[1, 0].set_ylim(bottom=_LEAST_BIAS)
+    panels[1, 0].set_ylim(bottom=1e-5)
     panels[2, 0].set(ylabel='c  coverage of the stated 95 % [%]', ylim=(50, 101))
     drawn = {line.estimator for line in lines}
     handles = [_handle(name, *_STYLES[name]) for name in _STYLES if name in drawn]
@@ -132,7 +128,7 @@ def draw_bias(biases: Sequence[tuple[Chain, tuple[Array, dict[str, Array]]]]) ->
 
 def _draw_line(report: FigureReport, column: Sequence[Axes], line: Line, position: int) -> None:
     found, colour, marker = line.accuracy, *_STYLES[line.estimator]
-    x = position + _OFFSET * (list(_STYLES).index(line.estimator) - (len(_STYLES) - 1) / 2)
+    x = position + 0.15 * (list(_STYLES).index(line.estimator) - (len(_STYLES) - 1) / 2)
     panel = f'noise {line.noise:g} rad'
     series = f'{line.estimator}, {class_and_shape(line.chain)}'
     unlike_0 = abs(found.bias) > _SIGNIFICANT * found.bias_error
@@ -178,8 +174,6 @@ slowest phonon, or over the passage of a rotor if that is shorter. The true rate
 three times this duration.
 """
 _COLOURS = {Motion.FLIPPER: BLUE, Motion.WOBBLING_FLIPPER: ORANGE, Motion.SPINNER: GREEN}
-_LIMITS = (0.95, 1.05)
-"""Stated deviations are consistent if the rms normalised error is in this range [1]."""
 _LABELS = (
     'a  position error / stated, rms [1]',
     'b  rate error / stated, rms [1]',
@@ -223,7 +217,7 @@ def draw_cells(rows: Sequence[Row], seed: int, frames: int) -> FigureReport:
     for axes, name in zip(panels, ('position', 'rate'), strict=False):
         for number, row in enumerate(rows):
             _draw_errors(report, axes, name, number, row)
-        for limit in _LIMITS:
+        for limit in (0.95, 1.05):
             axes.axhline(limit, color=GREY, linestyle='--', linewidth=0.8, zorder=0)
     for number, row in enumerate(rows):
         _draw_failures(report, panels[2], number, row)

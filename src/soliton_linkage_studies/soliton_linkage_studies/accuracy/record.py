@@ -37,12 +37,6 @@ are the standard deviations stated by the estimator. Dotted black lines are the 
 """
 _CLEAR = 8.0
 """The wall keeps this distance from both edges [rotor spacings], or less in a short chain."""
-_QUICK_RUNS = 4
-"""Largest number of runs per chain in a quick study [1]."""
-_SHOWN = 60
-"""Largest number of frame counts n at which errors are evaluated [1]."""
-_FEWEST = 3
-"""Smallest frame count n at which errors are evaluated [1]."""
 _QUANTITIES = ('position [rotor spacings]', 'velocity, relative')
 
 
@@ -61,7 +55,7 @@ class RecordStudy:
     @property
     def shown(self) -> Array:
         """Frame counts n at which errors are evaluated, evenly spaced on a logarithmic scale."""
-        return np.unique(np.geomspace(_FEWEST, self.frames, _SHOWN).round().astype(np.int64))
+        return np.unique(np.geomspace(3, self.frames, 60).round().astype(np.int64))
 
     def tasks(self) -> list[Callable[[], Any]]:
         """Return the tasks: all runs of all chains."""
@@ -159,7 +153,7 @@ def read_record_study(section: Section, quick: bool) -> RecordStudy:
     """Read the settings. Raises ValueError for invalid settings."""
     chains = tuple(section.chains().values())
     study = RecordStudy(chains, **section.values_of(RecordStudy, 'chains'))
-    return replace(study, runs=min(study.runs, _QUICK_RUNS)) if quick else study
+    return replace(study, runs=min(study.runs, 4)) if quick else study
 
 
 def _root_mean_square(values: Array) -> Array:

@@ -29,10 +29,6 @@ is the maximum since the previous point. The dashed grey line is the rounding er
 of a number. Values below a hundredth of this error are drawn at a hundredth of it.
 """
 _ROUNDING = float(np.finfo(np.float64).eps)
-_POINTS = 60
-"""Number of step counts at which errors are reported, evenly spaced on a logarithmic scale [1]."""
-_QUICK_STEPS = 1000
-"""Largest number of steps in a quick study [1]."""
 _PERIOD = 0.1
 """Frame period [time units]; it does not change the solver steps."""
 _QUANTITIES = ('length', 'energy')
@@ -80,7 +76,7 @@ class RigidSteps:
         rates = self.speed / chain.time_unit * mode_towards_last(chain, angles)
         period = _PERIOD * chain.time_unit
         simulation = RigidSimulation(chain, angles, rates, period, gravity=self.gravity)
-        ends = np.unique(np.geomspace(10, self.steps, _POINTS).round().astype(np.int64))
+        ends = np.unique(np.geomspace(10, self.steps, 60).round().astype(np.int64))
         taken, errors = 0, []
         for end in ends.tolist():
             largest = np.zeros(2)
@@ -104,4 +100,4 @@ def read_rigid_steps(section: Section, quick: bool) -> RigidSteps:
     study = RigidSteps(tuple(section.chains().values()), gravity, **values)
     if not quick:
         return study
-    return replace(study, chains=study.chains[:1], steps=min(study.steps, _QUICK_STEPS))
+    return replace(study, chains=study.chains[:1], steps=min(study.steps, 1000))

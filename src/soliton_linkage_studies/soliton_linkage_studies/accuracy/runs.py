@@ -215,12 +215,6 @@ def _score_shift(cell: AccuracyCell, analysis: Analysis, clean: Analysis, scores
     scores.shifts.append(float(moved / after.position_deviation))
 
 
-_QUICK_FRAMES = 200
-"""Largest number of frames per cell in a quick study [1]."""
-_QUICK_CELLS = 15
-"""Number of random cells in a quick study, five per class [1]."""
-
-
 @dataclass(frozen=True)
 class CellStudy:
     """Study of the analyser on random and difficult cells, or only on the cells in `only`."""
@@ -282,5 +276,5 @@ def read_cell_study(
     wanted = frames or section.whole_number('frames', 1, 10_000_000)
     if not quick:
         return CellStudy(seed, count, wanted, tuple(only))
-    fewer_frames = frames or min(wanted, _QUICK_FRAMES)
-    return CellStudy(seed, min(count, _QUICK_CELLS), fewer_frames, tuple(only), 'cells_quick')
+    fewer_frames = frames or min(wanted, 200)
+    return CellStudy(seed, min(count, 15), fewer_frames, tuple(only), 'cells_quick')

@@ -21,10 +21,6 @@ from soliton_linkage_studies.program import study_command
 from soliton_linkage_studies.settings import Section, load_settings
 from soliton_linkage_studies.sweep.table import RESUMES, fill_table, fingerprint, markdown_table
 
-_QUICK_FRAMES = 120
-"""Number of pictures per film in a quick study [1]; such a film lasts two seconds."""
-_KICKS = 0.7, 1.3
-"""Range of a random factor that multiplies the kick of each clip [1]."""
 COLUMNS = (
     *('pictures', 'hidden', 'swapped', 'turns lost', 'bound of the pixels [mrad]'),
     *('noise [mrad]', 'stated [mrad]', 'noise over stated', 'bias over noise', 'a picture [ms]'),
@@ -53,7 +49,7 @@ class FilmStudy:
         """Render and measure the clip of a row; rows are sorted by clip, then by film."""
         clip, film = divmod(row, len(self.films))
         name, task = list(self.films.items())[film]
-        stretch = float(np.random.default_rng(row).uniform(*_KICKS))
+        stretch = float(np.random.default_rng(row).uniform(0.7, 1.3))
         light = replace(task.settings, seed=row)
         run = replace(task, kick=stretch * task.kick, settings=light)()
         return [str(row), name, str(clip), *(f'{figure:.9g}' for figure in run.figures)]
@@ -73,7 +69,7 @@ def read_film_study(settings: Section, quick: bool) -> FilmStudy:
     frames = settings.whole_number('frames', 20, 1_000_000)
     clip = min(settings.whole_number('clip', 20, 100_000), frames)
     clips = 1 if quick else -(-frames // clip)
-    of_clip = min(clip, _QUICK_FRAMES) if quick else clip
+    of_clip = min(clip, 120) if quick else clip
     kicks = settings.section('kicks')
     films = {}
     for title, film in settings.sections('films').items():

@@ -63,15 +63,13 @@ Dashed line: critical speed of phi⁴ theory, {phi4:g} c, the limit of small d.
 _OUTCOME_COLOURS = (palette.PURPLE, palette.BLUE, palette.ORANGE, palette.GREEN, palette.BLACK)
 """Colours of collisions with 0, 1, 2, 3, and 4 or more overlaps."""
 _NAMES = ('never overlapped', '1 collision', '2 collisions', '3 collisions', 'more collisions')
-_COLUMNS = 4
-"""Number of panels in a row [1]."""
 _SPEED, _SPEED_AFTER = 'v / c [1]', "v' / c [1]"
 
 
 def draw_speeds(rows: Sequence[Row]) -> FigureReport:
     """Draw the speed after a collision against the speed before, one panel per ring."""
     series = series_of(rows, 'sweeps')
-    report, panels = _panels(_SPEEDS, len(series), _COLUMNS, (4.1, 3.9, 0.5), 'v′ / c [1]')
+    report, panels = _panels(_SPEEDS, len(series), 4, (4.1, 3.9, 0.5), 'v′ / c [1]')
     for axes, (name, each) in zip(panels, series.items(), strict=True):
         _draw_speeds(report, axes, name, each)
         axes.set(title=name, xlabel='v / c [1]', xlim=(0, None), ylim=(0, None))
@@ -99,13 +97,9 @@ def draw_windows(rows: Sequence[Row]) -> FigureReport:
     figure = Figure(figsize=(13, 7), layout='constrained')
     report = FigureReport(figure, _WINDOWS.format(phi4=PHI4_SPEED))
     grid = figure.add_gridspec(2, 2, width_ratios=(1.7, 1), height_ratios=(2, 1))
-    above = figure.add_subplot(grid[0, 0])
+    above, aside = figure.add_subplot(grid[0, 0]), figure.add_subplot(grid[:, 1])
     below = figure.add_subplot(grid[1, 0], sharex=above)
-    aside = figure.add_subplot(grid[:, 1])
-    series = {
-        name: [row for row in each if not row.name]
-        for name, each in series_of(rows, 'variations').items()
-    }
+    series = series_of([row for row in rows if not row.name], 'variations')
     whole = next(iter(series.values()))
     _draw_speeds(report, above, 'a', whole)
     above.set(ylabel='v′ / c [1]', ylim=(0, None))
@@ -200,15 +194,13 @@ _AFTERWARDS = 35.0
 """A collision is drawn until this time after free walls would meet [`Collision.unit`]."""
 _LARGEST = 1.6
 """The colour scale of the order field ends at plus and minus this [1]; all values are smaller."""
-_SPACETIME_COLUMNS = 3
-"""Number of space-time panels in a row [1]."""
 _TURNS = {-2: '−1', -1: '−½', 0: '0', 1: '+½', 2: '+1'}
 """Labels of the turns of a rotor; keys are numbers of half turns."""
 
 
 def draw_pictures(collisions: Mapping[str, Collision]) -> FigureReport:
     """Draw the order field of each collision against position and time."""
-    most, size = _SPACETIME_COLUMNS, (4.6, 4.4, 0.0)
+    most, size = 3, (4.6, 4.4, 0.0)
     report, panels = _panels(_CAPTION, len(collisions), most, size, 't c / 2 ℓ [1]')
     for axes, (name, collision) in zip(panels, collisions.items(), strict=True):
         _draw(report, axes, name, collision)

@@ -25,6 +25,7 @@ from soliton_linkage.linear.bands import band_edges, penetration_depth, speed_of
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 from soliton_linkage.solitons.continuum import wall_theory
 from soliton_linkage_studies.collisions.travelling_wall import travelling_wall
+from soliton_linkage_studies.experiments import energy_per_rotor
 
 INITIAL_DISTANCE = 12.0
 """Initial distance of the walls [reaches], at which their attraction is negligible."""
@@ -78,7 +79,7 @@ class Collision:
             if end is not None:
                 path, last = path.part(slice(end + 1)), end - before
             state = State(angles[last], rates[last])
-            energies.append(float(_energies(self.ring, state).sum()))
+            energies.append(float(energy_per_rotor(self.ring, state.angles, state.rates).sum()))
             if end is not None:
                 break
         return _outcome(self, path, state, drift=float(np.ptp(energies)) / energies[0])
@@ -302,20 +303,15 @@ def _broken(task: Collision, path: WallPaths, state: State, escaped: bool) -> bo
     if ring.motion is not Motion.SPINNER:
         return bool((np.cos(staggered(state.angles)) < 0).any())
     near = np.abs(np.arange(ring.number_of_rotors) - path.anti_kinks[-1]) < _CORE * task.reach
-    left = float(_energies(ring, state)[near].sum())
+    left = float(energy_per_rotor(ring, state.angles, state.rates)[near].sum())
     return escaped and left < wall_theory(ring).energy(0.0, charge=-1) / 2
 
 
 def _radiated(task: Collision, path: WallPaths, state: State, escaped: bool) -> float:
-    rotors, energies = np.arange(task.ring.number_of_rotors), _energies(task.ring, state)
+    rotors = np.arange(task.ring.number_of_rotors)
+    energies = energy_per_rotor(task.ring, state.angles, state.rates)
     positions, reach = [path.kinks[-1], path.anti_kinks[-1]], _CORE
     if not escaped:
         positions, reach = [(len(rotors) - 1) / 2], _LUMP
     outside = np.abs(rotors[:, None] - positions).min(axis=1) > reach * task.reach
     return float(energies[outside].sum() / energies.sum())
-
-
-def _energies(ring: Chain, state: State) -> Array:
-    elastic = 0.5 * ring.stiffnesses * ring.spring_extensions(state.angles) ** 2
-    kinetic = 0.5 * ring.moments_of_inertia * state.rates**2
-    return np.asarray(kinetic + (elastic + np.roll(elastic, 1)) / 2)

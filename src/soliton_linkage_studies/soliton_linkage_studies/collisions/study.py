@@ -6,13 +6,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
+from itertools import groupby
 from typing import Any
 
 import numpy as np
 
 from soliton_linkage.dynamics.integrators import INTEGRATORS
 from soliton_linkage.linear.bands import penetration_depth
-from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.linkage.chain import Chain
 from soliton_linkage_studies.collisions.runs import Collision, CollisionRun
 from soliton_linkage_studies.settings import Section
 from soliton_linkage_studies.sweep.table import markdown_table
@@ -26,10 +27,6 @@ _SETTINGS = {
     'shift': (-1.0, 1.0),
 }
 """Numeric settings of a collision, each with its smallest and its largest value."""
-_QUICK_EVERY = 40
-"""A quick study uses only every n-th speed, for this number n [1]."""
-_QUICK_HALVINGS = 2
-"""Number of bisections in a quick study [1]."""
 _HALVINGS = 13
 """Number of bisections in a full study [1]; they reduce a speed interval from 0.6 c to 1e-4 c."""
 _FASTEST = 2.0
@@ -168,13 +165,15 @@ def read_collision_study(settings: Section, quick: bool) -> CollisionStudy:
     entries: list[Entry] = []
     for name, section in _named(settings, 'sweeps').items():
         section.check_keys('rotor_length_ratio', 'rest_angle', 'turning', 'speeds')
-        collision, speeds = _collision(section, common), _speeds(section, quick).tolist()
-        entries += [Entry('sweeps', name, replace(collision, speed=speed)) for speed in speeds]
+        collision = _collision(section, common)
+        entries += _at_speeds('sweeps', name, collision, section, quick)
     entries += _variations(settings.section('variations'), common, quick)
     entries += _critical_speeds(settings.section('critical_speeds'), common, quick)
-    pictures = {
-        name: _picture(section, common) for name, section in _named(settings, 'pictures').items()
-    }
+    pictures = {}
+    for name, section in _named(settings, 'pictures').items():
+        section.check_keys('rotor_length_ratio', 'rest_angle', 'turning', 'speed')
+        speed = section.number('speed', 1e-3, _FASTEST)
+        pictures[name] = replace(_collision(section, common), speed=speed)
     decisive = {key: value for key, value in settings.values.items() if key != 'pictures'}
     return CollisionStudy(tuple(entries), pictures, {**decisive, 'quick': quick})
 
@@ -188,11 +187,11 @@ def _named(settings: Section, key: str) -> dict[str, Section]:
 
 def _variations(section: Section, common: Section, quick: bool) -> list[Entry]:
     section.check_keys('rotor_length_ratio', 'rest_angle', 'speeds', 'changes', 'edges')
-    speeds, entries = _speeds(section, quick).tolist(), []
+    entries = []
     for name, change in _named(section, 'changes').items():
         change.check_keys(*_SETTINGS, 'integrator')
         collision = _collision(section, common, change)
-        entries += [Entry('variations', name, replace(collision, speed=speed)) for speed in speeds]
+        entries += _at_speeds('variations', name, collision, section, quick)
         edges = {} if quick else section.sections('edges')
         for title, edge in edges.items():
             task = _edge(edge, collision, edge.whole_number('collisions', 1, 100), _HALVINGS)
@@ -209,7 +208,7 @@ def _critical_speeds(section: Section, common: Section, quick: bool) -> list[Ent
         wanted = rings.numbers('lean_ratios', 1e-3, min(2 * ratio, 1.0))
         for lean_ratio in wanted[-1:] if quick else wanted:
             collision = _task(common, ratio, math.asin(lean_ratio / (2 * ratio)))
-            task = _edge(section, collision, 1, _QUICK_HALVINGS if quick else _HALVINGS)
+            task = _edge(section, collision, 1, 2 if quick else _HALVINGS)
             entries.append(Entry('critical_speeds', name, task, f'{lean_ratio:g}'))
     return entries
 
@@ -217,11 +216,6 @@ def _critical_speeds(section: Section, common: Section, quick: bool) -> list[Ent
 def _edge(section: Section, collision: Collision, collisions: int, halvings: int) -> WindowEdge:
     inside, outside = (section.number(key, 1e-3, _FASTEST) for key in ('inside', 'outside'))
     return WindowEdge(collision, collisions, inside, outside, halvings)
-
-
-def _picture(section: Section, common: Section) -> Collision:
-    section.check_keys('rotor_length_ratio', 'rest_angle', 'turning', 'speed')
-    return replace(_collision(section, common), speed=section.number('speed', 1e-3, _FASTEST))
 
 
 def _collision(section: Section, common: Section, change: Section | None = None) -> Collision:
@@ -248,12 +242,15 @@ def _task(
     return Collision(ring, 0.0, False, step, integrator, shift, patience)
 
 
-def _speeds(section: Section, quick: bool) -> Array:
+def _at_speeds(
+    part: str, series: str, collision: Collision, section: Section, quick: bool
+) -> list[Entry]:
     given = section.section('speeds')
     given.check_keys('from', 'to', 'points')
     first, last = (given.number(end, 1e-3, _FASTEST) for end in ('from', 'to'))
     speeds = np.linspace(first, last, given.whole_number('points', 2, 100_000)).round(7)
-    return speeds[:: _QUICK_EVERY if quick else 1]
+    chosen = speeds[:: 40 if quick else 1].tolist()
+    return [Entry(part, series, replace(collision, speed=speed)) for speed in chosen]
 
 
 def _value(kind: object, text: str) -> Any:
@@ -306,18 +303,12 @@ def escaped_after(row: Row) -> int | None:
 def windows(rows: Sequence[Row]) -> list[BounceWindow]:
     """Return the bounce windows with two or more collisions, in ascending order of speed."""
     found: list[BounceWindow] = []
-    group: list[Row] = []
-    for row in [*rows, None]:
-        after = escaped_after(row) if row else None
-        if row and group and after == escaped_after(group[-1]):
-            group.append(row)
-            continue
-        count = escaped_after(group[-1]) if group else None
+    for count, equal in groupby(rows, key=escaped_after):
+        group = list(equal)
         if count and count > 1 and len(group) >= _FEWEST:
             runs = [each.run for each in group if each.run]
             fastest = max(runs, key=lambda run: run.speed_after)
             found.append(BounceWindow(count, group[0].speed, group[-1].speed, fastest))
-        group = [row] if row and after is not None else []
     return found
 
 

@@ -52,8 +52,6 @@ class of chain), and their reference trajectories (thin lines). Dashed: ideal ch
 chains with noise, damping and disorder. (f) Energy gained by a chain (wide pale lines) and work of
 the torques (thin dashed lines), for an actuator below saturation (blue) and a saturated one (red).
 """
-_A4 = (8.27, 11.69)
-"""Page size [inches]."""
 _LAYOUT = 3 * 'ab;' + 'ct;' + 2 * 'cd;' + 2 * 'ef;' + 'ef'
 """Arrangement of the panels, row by row; panel t, above panel d, shows the tilt."""
 _TITLES = {
@@ -67,8 +65,6 @@ _TITLES = {
 _LEAST = 1e-17
 """Smaller imbalances are drawn at this value [1], which is below all rounding errors."""
 _TIME = 'time [s]'
-_ROOM = 0.25
-"""Height left free for the legend above the wall positions, divided by their range [1]."""
 
 
 def entitle(panels: Mapping[str, Axes]) -> None:
@@ -169,7 +165,7 @@ def draw_moves(
     axes.legend(handles, [*chains, *styles], ncols=2, loc='upper center')
     axes.set(xlabel='time since the goal was sent [s]', ylabel='wall [rotor spacings]')
     bottom, top = axes.get_ylim()
-    axes.set_ylim(bottom, top + _ROOM * (top - bottom))
+    axes.set_ylim(bottom, top + 0.25 * (top - bottom))
 
 
 def draw_work(report: FigureReport, axes: Axes, runs: Mapping[str, DrivenChain]) -> None:
@@ -213,7 +209,7 @@ def page(
     apart = [runs['c', number] for number in range(len(study.stiffnesses))]
     moves = moves_of(runs)
     caption = _CAPTION.format(least=_LEAST)
-    report = FigureReport(Figure(figsize=_A4, layout='constrained'), caption)
+    report = FigureReport(Figure(figsize=(8.27, 11.69), layout='constrained'), caption)
     panels = report.figure.subplot_mosaic(_LAYOUT)
     response = stepped_response(PneumaticActuator(), study.step)
     draw_response(report, panels['a'], response)

@@ -30,8 +30,6 @@ from soliton_linkage_studies.settings import Section, setting
 _KEYS = ('step', 'work', 'energy_balance', 'stiffness', 'tilt', 'moves')
 _WORK_PERIOD = 0.002
 """Frame period of a chain with an actuator [s], a small fraction of the filling time."""
-_SHORT = 1.0
-"""Duration of the energy balance with `--quick` [s]."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +69,7 @@ def read_driving_study(settings: Section, quick: bool) -> DrivingStudy:
     balances = {name: BalanceTask.read(balance, name) for name in MECHANICS}
     moves = read_moves(settings.section('moves'), quick)
     if quick:
-        balances = {name: replace(task, duration=_SHORT) for name, task in balances.items()}
+        balances = {name: replace(task, duration=1.0) for name, task in balances.items()}
         moves = {key: tasks[:1] for key, tasks in moves.items()}
     return DrivingStudy(
         _step(settings.section('step')),

@@ -123,10 +123,6 @@ command (dashed grey), and the response with the fitted filling and venting time
 Energy gained by a chain of springs that the actuator drives (blue line), and work computed from
 the torques and angles of its frames (dotted black). The two curves must be equal.
 """
-_SEED = 1
-"""Random seed of the measurement noise."""
-_FRAMES_A_SECOND = 500
-"""Frame rate of the driven chain [Hz]; a quick figure uses a quarter of it."""
 
 
 @FIGURES.add('soft_actuator')
@@ -140,7 +136,7 @@ def actuator_figure(section: Section, quick: bool) -> FigureReport:
     draw_response(report, above, stepped_response(actuator, order.profile))
     noise, rate = section.number('noise', 0.0, 1e5), section.number('rate', 10.0, 1e4)
     _draw_fit(report, middle, actuator, order, noise, rate)
-    period = (4 if quick else 1) / _FRAMES_A_SECOND
+    period = (4 if quick else 1) / 500
     chain = section.chain()
     _draw_work(report, below, driven_chain(chain, actuator, order, period))
     return report
@@ -166,7 +162,7 @@ def _draw_fit(
     times = np.arange(0.0, 3 * duration, 1 / rate)
     commands = np.where((times >= duration / 4) & (times < 1.5 * duration), pressure, 0.0)
     exact = actuator.responses(0.0, times, commands)
-    read = exact + noise * np.random.default_rng(_SEED).normal(size=len(times))
+    read = exact + noise * np.random.default_rng(1).normal(size=len(times))
     fit = fit_step_response(StepResponse(times, commands, read))
     found = PneumaticActuator(filling_time=fit.filling_time, venting_time=fit.venting_time)
     fitted = found.responses(0.0, times, commands)

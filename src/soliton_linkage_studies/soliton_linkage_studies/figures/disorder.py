@@ -44,12 +44,8 @@ _AXES = (
     'relative standard deviation of r, a and k_e [1]',
     'fraction of chains that the wall crosses and returns [1]',
 )
-_QUICK_SEEDS = 3
-"""Largest number of chains per class and deviation in a quick figure."""
 _NORMAL = 1.959964
 """Half width of the central 95 % of a normal distribution [standard deviations]."""
-_ASIDE = 0.4
-"""Horizontal offset between classes of chain [%], so that their error bars do not overlap."""
 
 
 @FIGURES.add('disorder_against_passage')
@@ -59,7 +55,7 @@ def disorder_figure(section: Section, quick: bool) -> FigureReport:
     fractions = section.numbers('fractions', 0.0, 0.5)
     seeds = section.whole_number('seeds', 1, 10_000)
     shown = np.array(fractions[::4] if quick else fractions)
-    count = min(seeds, _QUICK_SEEDS) if quick else seeds
+    count = min(seeds, 3) if quick else seeds
     figure = Figure(figsize=(10, 4.6), layout='constrained')
     report = FigureReport(figure, _CAPTION.format(count=count))
     panels = figure.subplots(1, 2, sharey=True)
@@ -80,7 +76,7 @@ def disorder_figure(section: Section, quick: bool) -> FigureReport:
             shares = passed.mean(axis=1)
             ends = np.array(score_interval(shares, count, _NORMAL))
             look = {'fmt': f'{marker}-', 'color': colour, 'capsize': 3, 'linewidth': 1}
-            aside = 100 * shown + _ASIDE * (number - 1)
+            aside = 100 * shown + 0.4 * (number - 1)
             axes.errorbar(aside, shares, np.abs(ends - shares), label=label, **look)
             axes.set_title(_TITLES[mechanics], loc='left')
             report.add_points(mechanics, label, _AXES, shown, shares)

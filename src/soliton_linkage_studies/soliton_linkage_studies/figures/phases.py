@@ -44,8 +44,6 @@ _REGIONS = {
     Motion.SPINNER: (4.5, 1.1),
 }
 """Position of the label of each phase: r/a [1] and rest angle [rad]."""
-_TINT = 0.2
-"""Saturation of the background of a phase [1]; lines and labels stay readable."""
 _RADIUS = 2.2
 """Major radius of the drawn torus, relative to its minor radius [1]."""
 _ELEVATION, _AZIMUTH = math.radians(50), math.radians(-60)
@@ -98,7 +96,7 @@ def _draw_diagram(report: FigureReport, axes: Axes, chains: list[Chain], points:
     limits = flipper_limit(rest_angles), spinner_limit(rest_angles)
     borders = np.clip([np.zeros(points), *limits, np.full(points, np.inf)], low, high)
     for (motion, position), (left, right) in zip(_REGIONS.items(), pairwise(borders), strict=True):
-        colour = palette.tint(palette.MOTION_COLOURS[motion], _TINT)
+        colour = palette.tint(palette.MOTION_COLOURS[motion], 0.2)
         axes.fill_betweenx(rest_angles, left, right, color=colour, linewidth=0)
         axes.text(*position, f'{motion.value}s', ha='center', va='center', fontsize=13)
     names, labels = ('r/a [1]', 'theta_bar [rad]'), ('$d = 1$', r'$d = d_c = 2 / \sin\bar\theta$')

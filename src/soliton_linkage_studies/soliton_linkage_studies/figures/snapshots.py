@@ -46,12 +46,6 @@ _APART = 1.6
 """Downward shift of odd rotors if they would overlap even ones [rotor lengths]."""
 _WIDTH = 9.0
 """Width of the figure [inches]."""
-_TITLE = 0.4
-"""Height of a title above a panel, with margin [inches]."""
-_SAMPLES = 400
-"""Number of frames in one cycle of a chain of rigid bars [1]."""
-_LEGEND = 0.3
-"""Height of the legend below the panels [inches]."""
 
 
 @FIGURES.add('figure_2')
@@ -82,7 +76,7 @@ def snapshot_figure(section: Section, quick: bool) -> FigureReport:
         for axes, each in zip(panels, shown, strict=True)
     ]
     width, height = expand_limits(pictures)
-    report.figure.set_size_inches(_WIDTH, 3 * (_WIDTH * height / width + _TITLE) + _LEGEND)
+    report.figure.set_size_inches(_WIDTH, 3 * (_WIDTH * height / width + 0.4) + 0.3)
     add_legend(report.figure)
     for axes, frame, letter, state in zip(panels, chosen, 'abc', states, strict=True):
         angles = recording.angles[frame]
@@ -133,7 +127,7 @@ def _compare(
 def _cycle(chain: Chain) -> tuple[float, float]:
     start = chain.uniform_state(-1)
     length = UniformOrbit(chain).length
-    simulation = RigidSimulation(chain, start, zero_mode(chain, start), period=length / _SAMPLES)
+    simulation = RigidSimulation(chain, start, zero_mode(chain, start), period=length / 400)
     cycle = simulation.record(length)
     ahead = [
         mode_towards_last(chain, angles) @ rates > 0

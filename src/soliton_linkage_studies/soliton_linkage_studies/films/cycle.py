@@ -53,8 +53,6 @@ _AZIMUTH = math.radians(-75)
 """Initial azimuth of the camera [rad]; from the front, rotors would hide their bars."""
 _ELEVATION = math.radians(22)
 """Elevation of the camera above the axles [rad]."""
-_ZOOM = 1.9
-"""Zoom factor of the 3D axes [1]; with matplotlib's default of 1, the linkage would be small."""
 _BODIES = (
     ('rotors', BLACK, 6.0),
     ('axles on the frame', GREY, 5.0),
@@ -194,7 +192,7 @@ class StaggeredScene(Scene):
         left, right, bottom, top = limits(self._chain)
         deep = 2 * self._layer * self._chain.number_of_rotors
         axes.set(xlim=(left, right), ylim=(-self._layer, deep), zlim=(bottom, top))
-        axes.set_box_aspect((right - left, deep + self._layer, top - bottom), zoom=_ZOOM)
+        axes.set_box_aspect((right - left, deep + self._layer, top - bottom), zoom=1.9)
         axes.set_proj_type('ortho')
         axes.set_axis_off()
         axes.patch.set_visible(False)

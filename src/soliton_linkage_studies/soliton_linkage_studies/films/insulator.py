@@ -38,11 +38,6 @@ from soliton_linkage_studies.palette import BLACK, BLUE, DARK, GREEN, GREY, PALE
 from soliton_linkage_studies.settings import Section, setting
 from soliton_linkage_studies.unit_cell import configuration_curves
 
-_SMALLEST_SWING = 1e-5
-"""Smallest amplitude on the vertical axis [rad]."""
-_OSCILLATIONS = 4
-"""Number of oscillations of the zero mode in a film."""
-
 
 @dataclass(frozen=True)
 class Insulation:
@@ -83,7 +78,7 @@ class InsulatorScene(Scene):
         mode = zero_mode(chain, chain.uniform_state(1))
         mode *= motion.swing / mode[np.argmax(np.abs(mode))]
         driving = [drive * gap(chain) for drive in motion.drives]
-        self._frequencies = [2 * math.pi * _OSCILLATIONS / motion.duration, *driving]
+        self._frequencies = [2 * math.pi * 4 / motion.duration, *driving]
         driven_motions = (motion.swing * driven(chain, each) for each in driving)
         self._swings = [mode.astype(complex), *driven_motions]
         below, above = (f'{drive:g} of the gap frequency' for drive in motion.drives)
@@ -130,7 +125,7 @@ class InsulatorScene(Scene):
             axes.semilogy(positions, np.abs(swings), marker, color=colour, label=name)
         decay = np.exp((positions - positions[-1]) / penetration_depth(chain))
         axes.semilogy(positions, motion.swing * decay, '-', color=GREEN, label='exp(−distance/ℓ)')
-        axes.set(xlim=(left, right), ylim=(_SMALLEST_SWING, 3 * motion.swing))
+        axes.set(xlim=(left, right), ylim=(1e-5, 3 * motion.swing))
         axes.set(xlabel='x [m]', ylabel='amplitude [rad]')
         axes.legend(loc='lower center', bbox_to_anchor=(0.5, 0.98), ncols=4, frameon=False)
 

@@ -31,8 +31,6 @@ from soliton_linkage_studies.settings import Section, load_settings
 
 import_modules('soliton_linkage_studies.films')
 
-_OF_FILMS = ('kind', 'title', 'playing_time')
-
 
 @dataclass(frozen=True)
 class Film:
@@ -59,7 +57,11 @@ def read_films(settings: Section) -> list[Film]:
     for name, section in settings.sections('films').items():
         kind = section.text('kind', tuple(sorted(FILM_KINDS)))
         frames = max(round(frame_rate * section.number('playing_time', 0.1, 3600.0)), 2)
-        of_motion = {key: section.values[key] for key in section.values if key not in _OF_FILMS}
+        of_motion = {
+            key: section.values[key]
+            for key in section.values
+            if key not in ('kind', 'title', 'playing_time')
+        }
         scene = FILM_KINDS[kind]
         motion = scene.settings.read(replace(section, values=of_motion))
         shape = Format(frames, frame_rate, width, height)

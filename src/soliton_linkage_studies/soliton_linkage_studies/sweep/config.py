@@ -31,10 +31,6 @@ _MOST_POINTS = 10_000
 """Largest number of points of an axis [1]; larger numbers are probably typing errors."""
 _MOST_ROWS = 10_000_000
 """Largest number of rows of a table [1], which then has about a gigabyte."""
-_QUICK_POINTS = 8
-"""Largest number of points of an axis in a quick sweep [1]."""
-_QUICK_SEEDS = 2
-"""Largest number of seeds in a quick sweep [1]."""
 
 
 def _limits() -> dict[str, tuple[float, float]]:
@@ -195,7 +191,7 @@ def read_sweep_study(path: Path, quick: bool = False) -> SweepStudy:
     seeds = _seeds(settings)
     name = path.stem
     if quick:
-        name, axes, seeds = f'{name}-quick', tuple(map(_thinned, axes)), seeds[:_QUICK_SEEDS]
+        name, axes, seeds = f'{name}-quick', tuple(map(_thinned, axes)), seeds[:2]
     study = SweepStudy(name, settings.text('measure', tuple(MEASURES)), parameters, axes, seeds)
     _check(settings, study)
     return study
@@ -271,7 +267,7 @@ def _numbered(content: list[Any]) -> list[tuple[str, Any]]:
 
 def _thinned(axis: Axis) -> Axis:
     points = len(axis.values)
-    kept = np.unique(np.linspace(0, points - 1, min(points, _QUICK_POINTS)).round().astype(int))
+    kept = np.unique(np.linspace(0, points - 1, min(points, 8)).round().astype(int))
     return replace(axis, values=tuple(axis.values[index] for index in kept))
 
 

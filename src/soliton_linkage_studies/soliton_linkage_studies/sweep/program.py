@@ -45,8 +45,6 @@ _CLASS_LABELS = {
     'crosses': 'crosses, does not return',
     'lost': 'does not cross',
 }
-_ASIDE = 0.16
-"""Offset between error bars of different curves, divided by the smallest point distance [1]."""
 _NAMES = {
     'rotor_length_ratio': ('$r/a$', 'rotor length / spacing, $r/a$ [1]'),
     'rotor_length': ('$r$ [m]', 'rotor length $r$ [m]'),
@@ -180,7 +178,7 @@ def _draw_curves(axes: Axes, study: SweepStudy, rows: Sequence[dict[str, str]]) 
         style['label'] = class_label(name)
         if of_classes:
             share = curve[:, 0]
-            positions = _beside(along, _ASIDE * (number - (len(curves) - 1) / 2))
+            positions = _beside(along, 0.16 * (number - (len(curves) - 1) / 2))
             bars = score_interval(share, len(study.seeds))
             axes.vlines(positions, *bars, color=style['color'], linewidth=1.5)
             axes.plot(positions, share, '-', markersize=5, clip_on=False, zorder=3, **style)

@@ -24,6 +24,7 @@ from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.solitons.static_wall import static_wall
 from soliton_linkage_studies.active.runs import follow_charge, wall_sites
+from soliton_linkage_studies.experiments import energy_per_rotor
 from soliton_linkage_studies.figure_report import FigureReport, save_page
 from soliton_linkage_studies.palette import BLACK, BLUE, GREY, ORANGE, PALE, RED, WHITE
 from soliton_linkage_studies.program import run_parallel, study_command
@@ -121,13 +122,6 @@ class WaveRun:
         return self.sites[-len(self.sites) // 5 :]
 
 
-def energy_per_rotor(chain: Chain, recording: Recording) -> Array:
-    """Return the kinetic energy of each rotor plus half the energy of its springs [J], (T, N)."""
-    of_springs = 0.5 * chain.stiffnesses * chain.spring_extensions(recording.angles) ** 2
-    kinetic = 0.5 * chain.moments_of_inertia * recording.rates**2
-    return kinetic + chain.gathered(of_springs / 2, of_springs / 2)
-
-
 def analysed_sites(chain: Chain, recording: Recording) -> Array:
     """Return the site that the analyser estimates in each frame [rotor spacings], shape (T,).
 
@@ -160,7 +154,7 @@ def packet_velocity(chain: Chain, recording: Recording, last: int) -> float:
     The packet arrives at a rotor at the time of the largest energy of this rotor and its two
     neighbours.
     """
-    energies = energy_per_rotor(chain, recording)
+    energies = energy_per_rotor(chain, recording.angles, recording.rates)
     smooth = energies[:, 2:-2] + energies[:, 1:-3] + energies[:, 3:-1]
     arrivals = recording.times[np.argmax(smooth, axis=0)]
     rotors = np.arange(2, chain.number_of_rotors - 2)
@@ -344,7 +338,7 @@ def _after_packet(study: WaveStudy, run: WaveRun) -> float:
 
 def _draw_packet(report: FigureReport, axes: Axes, study: WaveStudy, run: WaveRun) -> None:
     chain, times, burst = study.chain, run.recording.times, study.burst
-    energies = energy_per_rotor(chain, run.recording)
+    energies = energy_per_rotor(chain, run.recording.angles, run.recording.rates)
     largest = float(energies.max())
     extent = 0.0, float(times[-1]), -0.5, chain.number_of_rotors - 0.5
     look: Any = {'cmap': 'Greys', 'norm': LogNorm(1e-6 * largest, largest), 'extent': extent}
