@@ -154,6 +154,11 @@ class FigureReport:
             )
 
 
+def new_report(caption: str, width: float, height: float) -> FigureReport:
+    """Return a report with an empty figure of a width and a height [inches]."""
+    return FigureReport(Figure(figsize=(width, height), layout='constrained'), caption)
+
+
 def save_page(report: FigureReport, folder: Path, name: str, table: str = 'table.md') -> str:
     """Save a report and the table of its comparisons; return a text with the table and folder."""
     report.save(folder, name)

@@ -18,7 +18,7 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion
 from soliton_linkage_studies.accuracy.estimators import ESTIMATORS, ORBIT_COLD
 from soliton_linkage_studies.accuracy.statistics import Line, Row
 from soliton_linkage_studies.drawing import LEGEND_ABOVE, class_and_shape
-from soliton_linkage_studies.figure_report import FigureReport
+from soliton_linkage_studies.figure_report import FigureReport, new_report
 from soliton_linkage_studies.palette import (
     BLACK,
     BLUE,
@@ -72,7 +72,7 @@ def draw_accuracy(lines: Sequence[Line]) -> FigureReport:
     chains = list(dict.fromkeys(line.chain for line in lines))
     width = 1.5 + 0.6 * (len(chains) + 1) * len(noises)
     caption = _FRAMES.format(significant=_SIGNIFICANT, unbiased=_UNBIASED)
-    report = FigureReport(Figure(figsize=(max(width, 9), 9), layout='constrained'), caption)
+    report = new_report(caption, max(width, 9), 9)
     panels = report.figure.subplots(3, len(noises), sharex=True, sharey='row', squeeze=False)
     for column, noise in zip(panels.T, noises, strict=True):
         for line in lines:
@@ -98,7 +98,7 @@ def draw_bias(biases: Sequence[tuple[Chain, tuple[Array, dict[str, Array]]]]) ->
     """Draw the bias without noise against the position between rotors, one panel per chain."""
     rows = (len(biases) + 2) // 3
     caption = _BIASES.format(unbiased=_UNBIASED, rounding=_ROUNDING)
-    report = FigureReport(Figure(figsize=(13, 1 + 3.6 * rows), layout='constrained'), caption)
+    report = new_report(caption, 13, 1 + 3.6 * rows)
     columns = min(len(biases), 3)
     panels = report.figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     names: set[str] = set()

@@ -11,14 +11,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from soliton_linkage.dynamics.rigid import RigidSimulation
 from soliton_linkage.linear.rigidity import mode_towards_last
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage_studies.drawing import class_and_shape
-from soliton_linkage_studies.figure_report import FigureReport, save_page
+from soliton_linkage_studies.figure_report import new_report, save_page
 from soliton_linkage_studies.palette import GREY, MARKERS, chain_colours
 from soliton_linkage_studies.settings import Section, setting
 
@@ -50,7 +49,7 @@ class RigidSteps:
     def write(self, results: Sequence[Any], folder: Path) -> None:
         """Write the table and the picture; `results` are the results of the tasks in order."""
         caption = _CAPTION.format(steps=self.steps, rounding=_ROUNDING)
-        report = FigureReport(Figure(figsize=(11, 4.8), layout='constrained'), caption)
+        report = new_report(caption, 11, 4.8)
         panels = report.figure.subplots(1, 2, sharex=True)
         styles = zip(self.chains, results, chain_colours(self.chains), MARKERS, strict=False)
         for chain, (taken, *errors), colour, marker in styles:

@@ -26,7 +26,7 @@ from scipy.signal import savgol_coeffs
 
 from soliton_linkage.linear.bands import gap, speed_of_sound
 from soliton_linkage.linear.rigidity import mode_towards_last
-from soliton_linkage.linkage.chain import Array, Chain, Motion
+from soliton_linkage.linkage.chain import Array, Motion
 from soliton_linkage.linkage.deviations import drawn_deviations
 from soliton_linkage.orbit.deviating_orbit import orbit_of
 from soliton_linkage.orbit.orbit import Orbit
@@ -340,9 +340,7 @@ def _orbit(cell: AccuracyCell, random: np.random.Generator) -> Orbit:
     )
 
 
-@cache
-def _uniform_orbit(chain: Chain) -> Orbit:
-    return orbit_of(chain)
+_uniform_orbit = cache(orbit_of)
 
 
 def _several_walls(cell: AccuracyCell, frames: int, random: np.random.Generator) -> WallScene:

@@ -99,24 +99,16 @@ class WallPath:
     def relative_angles(self, rotors: int, position: float) -> Array:
         """Return the angles minus those of the state left of the wall [rad], shape (rotors,)."""
         first, angles, _ = self.window(position)
-        base = np.tile(self.left, len(angles) // 2 + 1)[: len(angles)]
-        added = np.zeros(rotors)
-        numbers = np.arange(first, first + len(angles))
-        inside = (numbers >= 0) & (numbers < rotors)
-        added[numbers[inside]] = (angles - base)[inside]
+        relative = angles - np.tile(self.left, len(angles) // 2 + 1)[: len(angles)]
+        added = _placed(rotors, first, relative)
         beyond = np.arange(max(first + len(angles), 0), rotors)
-        ends = (angles - base)[-3:-1]
-        added[beyond] = ends[(beyond - first - len(angles) + 1) % 2]
+        added[beyond] = relative[-3:-1][(beyond - first - len(angles) + 1) % 2]
         return added
 
     def derivative(self, rotors: int, position: float) -> Array:
         """Return d(angles) / d(wall position) of all rotors [rad/spacing], shape (rotors,)."""
         first, _, slope = self.window(position)
-        moving = np.zeros(rotors)
-        numbers = np.arange(first, first + len(slope))
-        inside = (numbers >= 0) & (numbers < rotors)
-        moving[numbers[inside]] = slope[inside]
-        return moving
+        return _placed(rotors, first, slope)
 
     def nearest(self, angles: Array, position: float, within: float) -> float:
         """Return the position of the static wall nearest to the angles [rotor spacings].
@@ -150,6 +142,15 @@ class WallPath:
         near = np.abs(np.arange(low, high) - position) < within
         part = slice(low - first, high - first)
         return wrapped(angles[low:high] - wall[part])[near], slope[part][near]
+
+
+def _placed(rotors: int, first: int, values: Array) -> Array:
+    """Return values of successive rotors from `first` on, and 0 for all others, (rotors,)."""
+    placed = np.zeros(rotors)
+    numbers = np.arange(first, first + len(values))
+    inside = (numbers >= 0) & (numbers < rotors)
+    placed[numbers[inside]] = values[inside]
+    return placed
 
 
 def nearest_arc(orbit: Orbit, angles: Array, arc: float) -> float:
@@ -290,10 +291,8 @@ def add_motion(wall: SteadyWall, shift: int, angles: Array, rates: Array, sense:
     `angles` must contain a static wall at the shifted position. The wall moves to the right if
     `sense` is 1, and to the left if it is -1.
     """
-    numbers = np.arange(len(wall.offsets)) + wall.first + shift
-    inside = (numbers >= 0) & (numbers < len(angles))
-    angles[numbers[inside]] += wall.offsets[inside]
-    rates[numbers[inside]] += sense * wall.rates[inside]
+    angles += _placed(len(angles), wall.first + shift, wall.offsets)
+    rates += sense * _placed(len(rates), wall.first + shift, wall.rates)
 
 
 def left_of(chain: Chain, charge: int) -> Array:

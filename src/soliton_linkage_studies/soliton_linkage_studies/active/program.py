@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from soliton_linkage.dynamics.initial_states import with_pair
 from soliton_linkage.linkage.chain import Array, Chain, displacement
@@ -30,7 +29,7 @@ from soliton_linkage_studies.active.runs import (
     wall_sites,
 )
 from soliton_linkage_studies.drawing import show_leans
-from soliton_linkage_studies.figure_report import FigureReport, save_page
+from soliton_linkage_studies.figure_report import FigureReport, new_report, save_page
 from soliton_linkage_studies.program import run_parallel, study_command
 from soliton_linkage_studies.settings import Section, load_settings, setting
 
@@ -158,7 +157,7 @@ class ActiveStudy:
 
 def page(study: ActiveStudy, drives: Drives, runs: Runs) -> FigureReport:
     """Return the page with its data and the comparisons for the table."""
-    report = FigureReport(Figure(figsize=(11.0, 10.5), layout='constrained'), _CAPTION)
+    report = new_report(_CAPTION, 11.0, 10.5)
     panels = report.figure.subplot_mosaic('ad;bc;ef')
     _draw_velocities(report, panels['a'], drives, runs)
     first = next(iter(study.chains))

@@ -151,7 +151,8 @@ def read_row(cells: Mapping[str, str]) -> Row:
     """Parse a row of the table; `cells` maps column names to text."""
     run = None
     if not cells['failure']:
-        values = {one.name: _value(one.type, cells[one.name]) for one in fields(CollisionRun)}
+        kinds = {'bool': lambda text: text == 'True', 'int': int, 'float': float}
+        values = {one.name: kinds[str(one.type)](cells[one.name]) for one in fields(CollisionRun)}
         run = CollisionRun(**values)
     part, series, name = (cells[key] for key in ('part', 'series', 'name'))
     return Row(part, series, name, float(cells['speed']), run, cells['failure'])
@@ -251,12 +252,6 @@ def _at_speeds(
     speeds = np.linspace(first, last, given.whole_number('points', 2, 100_000)).round(7)
     chosen = speeds[:: 40 if quick else 1].tolist()
     return [Entry(part, series, replace(collision, speed=speed)) for speed in chosen]
-
-
-def _value(kind: object, text: str) -> Any:
-    if kind == 'bool':
-        return text == 'True'
-    return int(text) if kind == 'int' else float(text)
 
 
 def series_of(rows: Sequence[Row], part: str) -> dict[str, list[Row]]:

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from soliton_linkage.actuation.actuators import PneumaticActuator
@@ -23,7 +22,7 @@ from soliton_linkage_studies.driving.runs import (
     TiltedRun,
     read_driving_study,
 )
-from soliton_linkage_studies.figure_report import FigureReport
+from soliton_linkage_studies.figure_report import FigureReport, new_report
 from soliton_linkage_studies.figures.actuator import DrivenChain, draw_response, stepped_response
 from soliton_linkage_studies.figures.rigid_limit import convergence_order, draw_convergence
 from soliton_linkage_studies.moves import MoveKey, MoveRun, move_table, runs_by_key
@@ -209,7 +208,7 @@ def page(
     apart = [runs['c', number] for number in range(len(study.stiffnesses))]
     moves = moves_of(runs)
     caption = _CAPTION.format(least=_LEAST)
-    report = FigureReport(Figure(figsize=(8.27, 11.69), layout='constrained'), caption)
+    report = new_report(caption, 8.27, 11.69)
     panels = report.figure.subplot_mosaic(_LAYOUT)
     response = stepped_response(PneumaticActuator(), study.step)
     draw_response(report, panels['a'], response)
@@ -230,7 +229,12 @@ def page(
         findings.append(Finding('b', title, 0, IMBALANCE_LIMIT, float(run.imbalances.max())))
     title = 'order of the deviation of springs from bars in 1/k_e'
     findings.append(Finding('c', title, 0.9, 1.1, order))
-    findings += [*_tilt_findings(study, tilts), *_move_findings(moves)]
+    findings += _tilt_findings(study, tilts)
+    for key, ended in moves.items():
+        reached = all(run.outcome is Outcome.REACHED for run in ended)
+        error = max(run.error for run in ended) if reached else np.nan
+        title = f'distance of the wall from its goal [rotor spacings], {", ".join(key)}'
+        findings.append(Finding('e', title, 0, 0.1, float(error)))
     for name, run in works.items():
         missing = abs(float(run.works[-1] / run.energies[-1] - 1))
         findings.append(
@@ -264,16 +268,6 @@ def _tilt_findings(study: DrivingStudy, tilts: Mapping[str, TiltedRun]) -> list[
         farthest = float(np.abs(left - lower).max())
         title = f'distance of the wall from the lower end [rotor spacings], {name}'
         findings.append(Finding('d', title, 0, 2, farthest))
-    return findings
-
-
-def _move_findings(moves: Mapping[MoveKey, Sequence[MoveRun]]) -> list[Finding]:
-    findings = []
-    for (name, title), runs in moves.items():
-        reached = all(run.outcome is Outcome.REACHED for run in runs)
-        error = max(run.error for run in runs) if reached else np.nan
-        quantity = f'distance of the wall from its goal [rotor spacings], {name}, {title}'
-        findings.append(Finding('e', quantity, 0, 0.1, float(error)))
     return findings
 
 

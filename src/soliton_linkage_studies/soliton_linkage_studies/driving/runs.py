@@ -67,24 +67,20 @@ def read_driving_study(settings: Section, quick: bool) -> DrivingStudy:
     settings.check_keys(*_KEYS)
     balance, tilt = settings.section('energy_balance'), settings.section('tilt')
     balances = {name: BalanceTask.read(balance, name) for name in MECHANICS}
-    moves = read_moves(settings.section('moves'), quick)
+    step, moves = settings.section('step'), read_moves(settings.section('moves'), quick)
+    step.check_keys('pressure', 'duration')
+    pressure = step.number('pressure', 1.0, PneumaticActuator().highest_pressure)
     if quick:
         balances = {name: replace(task, duration=1.0) for name, task in balances.items()}
         moves = {key: tasks[:1] for key, tasks in moves.items()}
     return DrivingStudy(
-        _step(settings.section('step')),
+        trapezoid(pressure, 0.0, step.number('duration', 0.01, 10.0), 0.0),
         _works(settings.section('work')),
         balances,
         StiffnessTask.read(settings.section('stiffness'), quick),
         {name: TiltTask.read(tilt, name) for name in MECHANICS},
         moves,
     )
-
-
-def _step(section: Section) -> Profile:
-    section.check_keys('pressure', 'duration')
-    pressure = section.number('pressure', 1.0, PneumaticActuator().highest_pressure)
-    return trapezoid(pressure, 0.0, section.number('duration', 0.01, 10.0), 0.0)
 
 
 def _works(section: Section) -> dict[str, partial[DrivenChain]]:

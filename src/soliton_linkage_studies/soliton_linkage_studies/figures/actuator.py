@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from scipy.integrate import solve_ivp
 
 from soliton_linkage.actuation.actuators import PneumaticActuator
@@ -18,7 +17,7 @@ from soliton_linkage.dynamics.elastic import ElasticSimulation
 from soliton_linkage.dynamics.work import TorqueLedger
 from soliton_linkage.linear.rigidity import Edge
 from soliton_linkage.linkage.chain import Array, Chain
-from soliton_linkage_studies.figure_report import FigureReport
+from soliton_linkage_studies.figure_report import FigureReport, new_report
 from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.palette import BLACK, BLUE, GREY, RED
 from soliton_linkage_studies.pneumatic_fit import StepResponse, fit_step_response
@@ -131,11 +130,10 @@ def actuator_figure(section: Section, quick: bool) -> FigureReport:
     section.check_keys('chain', 'pressure', 'duration', 'ramp', 'noise', 'rate')
     actuator = PneumaticActuator()
     order = read_command(section)
-    report = FigureReport(Figure(figsize=(8, 10), layout='constrained'), _CAPTION)
+    report = new_report(_CAPTION, 8, 10)
     above, middle, below = report.figure.subplots(3)
     draw_response(report, above, stepped_response(actuator, order.profile))
-    noise, rate = section.number('noise', 0.0, 1e5), section.number('rate', 10.0, 1e4)
-    _draw_fit(report, middle, actuator, order, noise, rate)
+    _draw_fit(report, middle, actuator, order, section)
     period = (4 if quick else 1) / 500
     chain = section.chain()
     _draw_work(report, below, driven_chain(chain, actuator, order, period))
@@ -155,9 +153,9 @@ def _draw_fit(
     axes: Axes,
     actuator: PneumaticActuator,
     order: EdgeCommand,
-    noise: float,
-    rate: float,
+    section: Section,
 ) -> None:
+    noise, rate = section.number('noise', 0.0, 1e5), section.number('rate', 10.0, 1e4)
     pressure, duration = order.value, order.duration
     times = np.arange(0.0, 3 * duration, 1 / rate)
     commands = np.where((times >= duration / 4) & (times < 1.5 * duration), pressure, 0.0)

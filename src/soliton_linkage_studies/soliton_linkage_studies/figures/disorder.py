@@ -6,13 +6,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.deviations import drawn_deviations
 from soliton_linkage.solitons.passage import blocked_bonds
 from soliton_linkage_studies.drawing import LEGEND_ABOVE, parameters
-from soliton_linkage_studies.figure_report import FigureReport
+from soliton_linkage_studies.figure_report import FigureReport, new_report
 from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.measures import OUTCOMES, SweepTrial, measure_survival
 from soliton_linkage_studies.palette import MARKERS, chain_colours
@@ -56,9 +55,8 @@ def disorder_figure(section: Section, quick: bool) -> FigureReport:
     seeds = section.whole_number('seeds', 1, 10_000)
     shown = np.array(fractions[::4] if quick else fractions)
     count = min(seeds, 3) if quick else seeds
-    figure = Figure(figsize=(10, 4.6), layout='constrained')
-    report = FigureReport(figure, _CAPTION.format(count=count))
-    panels = figure.subplots(1, 2, sharey=True)
+    report = new_report(_CAPTION.format(count=count), 10, 4.6)
+    panels = report.figure.subplots(1, 2, sharey=True)
     rigid: list[tuple[Array, Array]] = []
     studied = section.sections('chains')
     chains = [each.chain() for each in studied.values()]
@@ -87,7 +85,8 @@ def disorder_figure(section: Section, quick: bool) -> FigureReport:
     for axes in panels:
         axes.set(xlabel=r'standard deviation of $r$, $a$ and $k_e$ [%]', ylim=(-0.05, 1.05))
     panels[0].set_ylabel(f'fraction whose wall crosses and returns [1],\n{count} chains each')
-    figure.legend(*panels[0].get_legend_handles_labels(), loc=LEGEND_ABOVE, ncols=len(chains))
+    look = {'loc': LEGEND_ABOVE, 'ncols': len(chains)}
+    report.figure.legend(*panels[0].get_legend_handles_labels(), **look)
     _compare_passage(report, shown, *np.concatenate(rigid, axis=2))
     return report
 

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from soliton_linkage.linear.bands import largest_group_velocity, penetration_depth, speed_of_sound
 from soliton_linkage.linear.statics import equilibrium
@@ -16,7 +15,7 @@ from soliton_linkage.linkage.chain import Array, Chain, staggered
 from soliton_linkage.solitons.continuum import FlipperTheory, WallTheory, wall_theory
 from soliton_linkage_studies.drawing import parameters
 from soliton_linkage_studies.experiments import first_passage, record_moving_wall, wall_positions
-from soliton_linkage_studies.figure_report import FigureReport, Formula, chain_formula
+from soliton_linkage_studies.figure_report import FigureReport, Formula, chain_formula, new_report
 from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.palette import BLACK, MARKERS, MEASURED, THEORY, WHITE, chain_colours
 from soliton_linkage_studies.settings import Section
@@ -35,10 +34,14 @@ def anti_kink_figure(section: Section, quick: bool) -> FigureReport:
     section.check_keys('rotor_length_ratio', 'lean_ratios')
     ratio = section.number('rotor_length_ratio', 1e-3, 1e3)
     wanted = section.numbers('lean_ratios', 1e-3, 1.0)
-    report = FigureReport(Figure(figsize=(7, 4.8), layout='constrained'), _ANTI_KINKS)
+    report = new_report(_ANTI_KINKS, 7, 4.8)
     axes = report.figure.subplots()
     shown = np.array(wanted[::3] if quick else wanted)
-    chains = [_ring_of_lean(ratio, lean_ratio) for lean_ratio in shown]
+    chains = []
+    for lean_ratio in shown:
+        depth = 1 / math.log((1 + lean_ratio) / (1 - lean_ratio))
+        shape = 4 * math.ceil(7 * depth + 5), 1.0, ratio, math.asin(lean_ratio / (2 * ratio))
+        chains.append(Chain(*shape, 1.0, 1.0, periodic=True))
     costs = np.array([_anti_kink_cost(chain) for chain in chains])
     shares = costs / np.array([wall_theory(chain).energy(0.0, charge=-1) for chain in chains])
     names = ('d = 2 r sin(theta_bar) / a [1]', 'energy / energy of the continuum [1]')
@@ -59,13 +62,6 @@ def anti_kink_figure(section: Section, quick: bool) -> FigureReport:
             float(cost) / (chain.stiffness * chain.spacing**2),
         )
     return report
-
-
-def _ring_of_lean(ratio: float, lean_ratio: float) -> Chain:
-    rest_angle = math.asin(lean_ratio / (2 * ratio))
-    depth = 1 / math.log((1 + lean_ratio) / (1 - lean_ratio))
-    rotors = 4 * math.ceil(7 * depth + 5)
-    return Chain(rotors, 1.0, ratio, rest_angle, 1.0, 1.0, periodic=True)
 
 
 def _anti_kink_cost(ring: Chain) -> float:
@@ -106,7 +102,7 @@ _SLOW = 0.87
 def energy_figure(section: Section, quick: bool) -> FigureReport:
     """Draw the energy, the ratio of elastic to kinetic energy, and the wake against the speed."""
     section.check_keys('chains')
-    report = FigureReport(Figure(figsize=(13, 4.8), layout='constrained'), _CAPTION)
+    report = new_report(_CAPTION, 13, 4.8)
     panels = report.figure.subplots(1, 3)
     theories = []
     studied = section.sections('chains')

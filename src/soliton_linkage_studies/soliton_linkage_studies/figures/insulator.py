@@ -7,7 +7,6 @@ import math
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from soliton_linkage.linear.bands import couplings, dispersion, penetration_depth, winding_number
 from soliton_linkage.linear.normal_modes import mode_frequencies
@@ -23,7 +22,7 @@ from soliton_linkage_studies.drawing import (
     expand_limits,
     parameters,
 )
-from soliton_linkage_studies.figure_report import FigureReport, chain_formula
+from soliton_linkage_studies.figure_report import FigureReport, chain_formula, new_report
 from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.palette import GREY, MARKERS, chain_colours
 from soliton_linkage_studies.settings import Section
@@ -58,10 +57,10 @@ def figure_1(section: Section, quick: bool) -> FigureReport:
     section.check_keys('chain', 'chains')
     chain = section.chain()
     others = list(section.chains().values())
-    figure = Figure(figsize=(10, 9.5), layout='constrained')
+    report = new_report(_CAPTION, 10, 9.5)
+    figure = report.figure
     grid = figure.add_gridspec(4, 2, height_ratios=[1, 1, 1.2, 2.4])
     top = [figure.add_subplot(grid[row, :]) for row in range(3)]
-    report = FigureReport(figure, _CAPTION)
     rest = chain.uniform_state(1)
     uniform = ChainPicture(top[0], chain, rest, rigid=True)
     wall = static_wall(chain, (chain.number_of_rotors - 1) / 2)

@@ -8,7 +8,6 @@ from itertools import pairwise
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import Axes3D
 from numpy.typing import NDArray
 
@@ -22,7 +21,7 @@ from soliton_linkage_studies.drawing import (
     pivot_points,
     towards_camera,
 )
-from soliton_linkage_studies.figure_report import FigureReport, chain_formula
+from soliton_linkage_studies.figure_report import FigureReport, chain_formula, new_report
 from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.settings import Section
 from soliton_linkage_studies.unit_cell import (
@@ -73,7 +72,7 @@ def figure_4(section: Section, quick: bool) -> FigureReport:
     section.check_keys('chains', 'points')
     chains = list(section.chains().values())
     points = section.whole_number('points', 100, 100_000)
-    report = FigureReport(Figure(figsize=(11, 14), layout='constrained'), _CAPTION)
+    report = new_report(_CAPTION, 11, 14)
     grid = report.figure.add_gridspec(4, 1, height_ratios=[1.0, 0.55, 0.95, 0.8])
     rows = [report.figure.add_subfigure(grid[row]) for row in range(4)]
     _draw_diagram(report, rows[0].subplots(), chains, 200)

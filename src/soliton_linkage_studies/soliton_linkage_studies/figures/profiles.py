@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from soliton_linkage.linear.bands import penetration_depth, speed_of_sound
 from soliton_linkage.linkage.chain import Chain, Motion, staggered
@@ -26,7 +25,7 @@ from soliton_linkage_studies.experiments import (
     snapshots,
     static_profile,
 )
-from soliton_linkage_studies.figure_report import FigureReport, Formula, chain_formula
+from soliton_linkage_studies.figure_report import FigureReport, Formula, chain_formula, new_report
 from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.palette import (
     BLACK,
@@ -131,7 +130,7 @@ def _profile_figure(
         profiles=len(profiles),
         inset=inset_caption.strip(),
     )
-    report = FigureReport(Figure(figsize=(12, 6.5), layout='constrained'), caption)
+    report = new_report(caption, 12, 6.5)
     grid = report.figure.add_gridspec(2, 3)
     places = (grid[:, :2], grid[0, 2], grid[1, 2])
     main, above, below = (report.figure.add_subplot(place) for place in places)

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
 from soliton_linkage.dynamics.elastic import simulate
@@ -15,7 +14,7 @@ from soliton_linkage.dynamics.rigid import RigidSimulation
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.solitons.track import follow
 from soliton_linkage_studies.experiments import kick_rates
-from soliton_linkage_studies.figure_report import FigureReport
+from soliton_linkage_studies.figure_report import FigureReport, new_report
 from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.palette import MEASURED, MECHANICS_COLOURS, THEORY, scale_colours
 from soliton_linkage_studies.settings import Section
@@ -60,7 +59,7 @@ def rigid_limit_figure(section: Section, quick: bool) -> FigureReport:
     rates = kick_rates(chain, rest, section.number('kick', 1e-6, 100.0))
     period = duration / 200
     rigid = RigidSimulation(chain, rest, rates, period).record(duration)
-    report = FigureReport(Figure(figsize=(11, 4.8), layout='constrained'), _CAPTION)
+    report = new_report(_CAPTION, 11, 4.8)
     paths, distances = report.figure.subplots(1, 2)
     apart = []
     colours = scale_colours(_TRACKED)

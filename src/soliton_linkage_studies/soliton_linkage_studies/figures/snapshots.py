@@ -15,7 +15,7 @@ from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 from soliton_linkage.solitons.static_wall import site_arc
 from soliton_linkage.solitons.tanh_fit import order_field
-from soliton_linkage.solitons.track import Crossing, Track, find_crossings, follow
+from soliton_linkage.solitons.track import find_crossings, follow
 from soliton_linkage_studies.drawing import (
     LINKAGE,
     MODE,
@@ -63,7 +63,12 @@ def snapshot_figure(section: Section, quick: bool) -> FigureReport:
     if len(crossings) < 2:
         found = f'found {len(crossings)} of 2 crossings'
         raise section.error('duration', f'is too short: {found}; increase it')
-    chosen = [0, *_turning_points(chain, recording, track, crossings)]
+    first, second = crossings[:2]
+    back = recording.times >= second.end
+    back &= recording.times <= 2 * second.end - second.start
+    fields, _ = order_field(chain, recording.angles)
+    halfway = int(np.searchsorted(track.times, (first.start + first.end) / 2))
+    chosen = [0, halfway, int(np.argmax(np.where(back, fields.mean(axis=1), -math.inf)))]
     lowered = _APART * chain.rotor_length if chain.rotor_length > chain.spacing else 0.0
     shift = _LOWERED if lowered else ''
     caption = _CAPTION.format(chain=description(chain), kick=kick, lowered=shift)
@@ -85,17 +90,6 @@ def snapshot_figure(section: Section, quick: bool) -> FigureReport:
         report.add_points(letter, state, ('rotor n', 'phi [rad]'), np.arange(len(angles)), angles)
     _compare(report, chain, recording, kick, crossings[0].site_rate)
     return report
-
-
-def _turning_points(
-    chain: Chain, recording: Recording, track: Track, crossings: tuple[Crossing, ...]
-) -> list[int]:
-    halfway = (crossings[0].start + crossings[0].end) / 2
-    back = recording.times >= crossings[1].end
-    back &= recording.times <= 2 * crossings[1].end - crossings[1].start
-    fields, _ = order_field(chain, recording.angles)
-    rightmost = np.where(back, fields.mean(axis=1), -math.inf)
-    return [int(np.searchsorted(track.times, halfway)), int(np.argmax(rightmost))]
 
 
 def _compare(

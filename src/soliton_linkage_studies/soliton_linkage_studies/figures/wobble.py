@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from soliton_linkage.dynamics.rigid import RigidSimulation
 from soliton_linkage.linear.bands import penetration_depth
@@ -23,7 +22,7 @@ from soliton_linkage_studies.experiments import (
     snapshots,
     static_profile,
 )
-from soliton_linkage_studies.figure_report import FigureReport, Formula, chain_formula
+from soliton_linkage_studies.figure_report import FigureReport, Formula, chain_formula, new_report
 from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.palette import GREY, MARKERS, MEASURED, PAPER, THEORY, chain_colours
 from soliton_linkage_studies.settings import Section
@@ -58,8 +57,7 @@ def figure_s1(section: Section, quick: bool) -> FigureReport:
     section.check_keys('chains')
     chains = list(section.chains().values())
     count = _QUICK_SNAPSHOTS if quick else SNAPSHOTS
-    figure = Figure(figsize=(9, 5.5), layout='constrained')
-    report = FigureReport(figure, _PROFILES.format(count=count))
+    report = new_report(_PROFILES.format(count=count), 9, 5.5)
     axes = report.figure.subplots()
     for chain, colour, marker in zip(chains, chain_colours(chains), MARKERS, strict=False):
         seen = _slow_snapshots(chain, count)
@@ -83,8 +81,7 @@ def figure_s2(section: Section, quick: bool) -> FigureReport:
     section.check_keys('chains')
     chains = list(section.chains().values())
     count = _QUICK_SNAPSHOTS if quick else SNAPSHOTS
-    figure = Figure(figsize=(12, 3 * len(chains)), layout='constrained')
-    report = FigureReport(figure, _TAILS.format(count=count))
+    report = new_report(_TAILS.format(count=count), 12, 3 * len(chains))
     panels = report.figure.subplots(len(chains), 2, sharex=True, squeeze=False)
     for (linear, logarithmic), chain in zip(panels, chains, strict=True):
         seen = _slow_snapshots(chain, count)

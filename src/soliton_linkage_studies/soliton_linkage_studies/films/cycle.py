@@ -11,7 +11,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
-from matplotlib.quiver import Quiver
 
 from soliton_linkage.dynamics.elastic import ElasticSimulation
 from soliton_linkage.dynamics.rigid import RigidSimulation
@@ -282,7 +281,10 @@ class TiltScene(Scene):
         space = self.figure.add_axes((LEFT, BOTTOM, 0.6, free))
         self._space_time = SpaceTime(space, chain, self.angles, motion.times[-1])
         strip = self.figure.add_axes((LEFT, BOTTOM + free + 0.04, 0.6, 0.03))
-        self._projections = _projected(strip, chain, rest, space.get_xlim())
+        bottom, top = limits(chain, projections=True)[2], limits(chain)[2]
+        strip.set(xlim=space.get_xlim(), ylim=(bottom, top), title='u = r sin φ of each rotor')
+        strip.set_axis_off()
+        self._projections = projection_quiver(strip, chain, rest)
         tilt = self.figure.add_axes((LEFT + 0.67, BOTTOM, WIDTH - 0.67, free))
         tilt.plot(np.degrees(self._tilts), self.times, color=GREY, linewidth=2)
         tilt.set(xlabel='tilt [°]', ylabel='t [s]', title='left end low | right end low')
@@ -312,13 +314,6 @@ def _fallen(motion: Tilting, tilts: Array, period: float) -> Array:
         simulation.advance()
         angles.append(simulation.angles)
     return np.array(angles)
-
-
-def _projected(axes: Axes, chain: Chain, angles: Array, along: tuple[float, float]) -> Quiver:
-    axes.set(xlim=along, ylim=(limits(chain, projections=True)[2], limits(chain)[2]))
-    axes.set_axis_off()
-    axes.set_title('u = r sin φ of each rotor')
-    return projection_quiver(axes, chain, angles)
 
 
 def _make_room(axes: Axes, chain: Chain, tilt: float) -> None:

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.patches import Circle
 
 from soliton_linkage.linear.bands import gap, penetration_depth
@@ -191,13 +190,18 @@ class CellScene(Scene):
         high = TOP - BOTTOM - 0.02
         left = self.figure.add_axes((0.03, BOTTOM, 0.44, high))
         right = self.figure.add_axes((0.53, BOTTOM, 0.45, high - 0.02))
-        self._picture = _cell_picture(left, chain, staggered(self.cell[0]))
+        for number, (x, _) in enumerate(pivot_points(chain), start=1):
+            look: Any = {'fill': False, 'edgecolor': PALE, 'linewidth': 1.5}
+            left.add_patch(Circle((x, 0), chain.rotor_length, **look))
+            below = -chain.rotor_length - 0.06 * chain.spacing
+            left.text(x, below, f'rotor {number}', ha='center', va='top', color=DARK)
+        self._picture = ChainPicture(left, chain, staggered(self.cell[0]), rigid=True)
         draw_torus(right, chain, curves)
         right.set(xlabel='θ₁ = φ₁ [rad]', ylabel='θ₂ = π − φ₂ [rad]')
         self.figure.legend(loc='lower center', bbox_to_anchor=(0.25, 0.05), ncols=2, frameon=False)
         right.set_title('configurations that keep the length of the bar')
         (self._trail,) = right.plot([], [], color=GREY, linewidth=7, alpha=0.45, zorder=1)
-        look: Any = {'color': BLACK, 'markersize': 14, 'clip_on': False}
+        look = {'color': BLACK, 'markersize': 14, 'clip_on': False}
         (self._point,) = right.plot([], [], 'o', zorder=6, **look)
         self.add_moving([*self._picture.artists, self._trail, self._point])
         self.show(0)
@@ -207,12 +211,3 @@ class CellScene(Scene):
         self._picture.update(staggered(angles))
         self._trail.set_data(*split_at_wraps(self.cell[: frame + 1]).T)
         self._point.set_data(*split_at_wraps(angles[None]).T)
-
-
-def _cell_picture(axes: Axes, chain: Chain, angles: Array) -> ChainPicture:
-    for number, (x, _) in enumerate(pivot_points(chain), start=1):
-        circle = Circle((x, 0), chain.rotor_length, fill=False, edgecolor=PALE, linewidth=1.5)
-        axes.add_patch(circle)
-        below = -chain.rotor_length - 0.06 * chain.spacing
-        axes.text(x, below, f'rotor {number}', ha='center', va='top', color=DARK)
-    return ChainPicture(axes, chain, angles, rigid=True)

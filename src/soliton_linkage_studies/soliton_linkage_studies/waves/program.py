@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
-from matplotlib.figure import Figure
 from scipy.optimize import brentq
 
 from soliton_linkage.dynamics.elastic import ElasticSimulation
@@ -25,7 +24,7 @@ from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.solitons.static_wall import static_wall
 from soliton_linkage_studies.active.runs import follow_charge, wall_sites
 from soliton_linkage_studies.experiments import energy_per_rotor
-from soliton_linkage_studies.figure_report import FigureReport, save_page
+from soliton_linkage_studies.figure_report import FigureReport, new_report, save_page
 from soliton_linkage_studies.palette import BLACK, BLUE, GREY, ORANGE, PALE, RED, WHITE
 from soliton_linkage_studies.program import run_parallel, study_command
 from soliton_linkage_studies.settings import Section, load_settings, setting
@@ -287,7 +286,7 @@ class WaveStudy:
 
 def page(study: WaveStudy, runs: Mapping[tuple[Any, ...], WaveRun]) -> FigureReport:
     """Return the page with its data and the comparisons for the table."""
-    report = FigureReport(Figure(figsize=(11.0, 10.5), layout='constrained'), _CAPTION)
+    report = new_report(_CAPTION, 11.0, 10.5)
     panels = report.figure.subplot_mosaic('ab;cd;ef')
     low, high = band_edges(study.chain)
     _draw_packet(report, panels['a'], study, runs['a',])
