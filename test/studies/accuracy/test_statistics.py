@@ -9,18 +9,15 @@ import pytest
 from chains import FLIPPER, SPINNER, chain_of
 
 from soliton_linkage_studies.accuracy.cells import CELL_COLUMNS, cell_values
+from soliton_linkage_studies.accuracy.frames import Accuracy, Line, accuracy_of, write_lines
 from soliton_linkage_studies.accuracy.runs import CellStudy
 from soliton_linkage_studies.accuracy.statistics import (
     COLUMNS,
     WALL_VALUES,
-    Accuracy,
-    Line,
     Scores,
-    accuracy_of,
     check_comparable,
     line_of,
     worse_cells,
-    write_lines,
 )
 
 

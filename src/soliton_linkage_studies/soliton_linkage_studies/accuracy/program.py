@@ -19,11 +19,15 @@ import numpy as np
 
 from soliton_linkage_studies.accuracy.contraction import read_contraction_study
 from soliton_linkage_studies.accuracy.frames import read_frame_study
-from soliton_linkage_studies.accuracy.pictures import draw_cells, write_cells
 from soliton_linkage_studies.accuracy.record import read_record_study
 from soliton_linkage_studies.accuracy.rigid_steps import read_rigid_steps
 from soliton_linkage_studies.accuracy.runs import CellStudy, read_cell_study
-from soliton_linkage_studies.accuracy.statistics import check_comparable, worse_cells
+from soliton_linkage_studies.accuracy.statistics import (
+    check_comparable,
+    draw_cells,
+    worse_cells,
+    write_cells,
+)
 from soliton_linkage_studies.program import run_parallel, run_study, select_names, study_parser
 from soliton_linkage_studies.settings import Section, load_settings
 from soliton_linkage_studies.sweep.table import fill_table, read_rows

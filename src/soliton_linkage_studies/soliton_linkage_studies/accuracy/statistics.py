@@ -1,20 +1,30 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Error statistics of estimators and of test cells, and comparison of two cell tables."""
+"""Statistics, table and picture of the errors in test cells, and comparison of two tables."""
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.linkage.chain import Array, Motion
 from soliton_linkage_studies.accuracy.cells import CELL_COLUMNS, AccuracyCell, cell_values
-from soliton_linkage_studies.drawing import class_and_shape
+from soliton_linkage_studies.drawing import LEGEND_ABOVE
+from soliton_linkage_studies.figure_report import FigureReport
+from soliton_linkage_studies.palette import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PALE,
+)
 from soliton_linkage_studies.sweep.table import markdown_table
 
 _FAILURES = ('lost', 'false', 'wrong_leg')
@@ -35,18 +45,11 @@ above 4, below 1 and below 2 [%]; `bias` is the mean. `error_rms` is the rms pos
 `deviation_median` the median of its stated standard deviation [rotor spacings]. `shift_max` is the
 largest shift of a position by a wrong reading, divided by the stated standard deviation. `lost`
 and `false` are numbers of walls, and `wrong_leg` is a number of frames."""
-
 WALL_VALUES = ('position', 'instant', 'rate', 'error', 'deviation', 'rate_error')
 """Values of each found wall. The first three are errors of the position averaged over time, of the
 position at this instant and of the velocity, divided by their stated standard deviations [1]. The
 others are the position error and its stated standard deviation [rotor spacings], and the relative
 error of the velocity [1]."""
-
-_COLUMNS = (
-    *('class', 'r/a', 'rest angle [rad]', 'noise [rad]', 'estimator', 'frames'),
-    *('bias [spacings]', 'standard error of the bias [spacings]', 'std [spacings]'),
-    *('bound [spacings]', 'std / bound', 'coverage of 95 % [%]', 'failures'),
-)
 _CONSISTENT = (0.95, 1.05)
 """Stated deviations count as consistent if the rms normalised error is in this range [1]."""
 _SIGNIFICANT = 3.0
@@ -62,12 +65,6 @@ _FEWER = 0.01
 [1], because the new errors include the walls that were lost before."""
 _ERRORS = ('position_rms', 'position_rms_error', 'rate_rms', 'rate_rms_error', 'error_rms')
 _COMPARED = (*_ERRORS, *_FAILURES, 'frames', 'failure', 'position_beyond_4', 'walls_looked_for')
-
-_TITLES = (
-    *('class (r/a, θ̄)', 'noise [rad]', 'estimator', 'bias [spacings]', 'std / bound'),
-    *('coverage of 95 %', 'failures'),
-)
-
 Row = Mapping[str, str]
 
 
@@ -144,83 +141,6 @@ def _or_nan(of: Callable[..., object], values: Array) -> float:
 
 def _finite(values: Array) -> Array:
     return np.asarray(values[np.isfinite(values)])
-
-
-@dataclass(frozen=True)
-class Accuracy:
-    """Accuracy of an estimator over many frames.
-
-    Bias, standard deviation and coverage exclude the frames in which the estimator failed. They
-    are NaN if fewer than two frames remain.
-    """
-
-    frames: int
-    failures: int
-    bias: float
-    """Mean error [rotor spacings]."""
-    bias_error: float
-    """Standard error of the bias [rotor spacings]."""
-    deviation: float
-    """Standard deviation of the error [rotor spacings]."""
-    bound: float
-    """Cramer-Rao bound: smallest standard deviation of any unbiased estimator [rotor spacings]."""
-    coverage: float
-    """Fraction of frames whose stated interval contains the true position, or NaN."""
-
-    @property
-    def ratio(self) -> float:
-        """Standard deviation divided by the Cramer-Rao bound [1]."""
-        return self.deviation / self.bound
-
-
-@dataclass(frozen=True)
-class Line:
-    """Accuracy of one estimator for one chain and one noise."""
-
-    chain: Chain
-    noise: float
-    """Standard deviation of the noise of each angle [rad]."""
-    estimator: str
-    accuracy: Accuracy
-
-
-def accuracy_of(samples: Array, bound: float) -> Accuracy:
-    """Return the accuracy from errors and margins, shape (frames, 2); a NaN error is a failure."""
-    succeeded = samples[np.isfinite(samples[:, 0])]
-    errors, margins = succeeded.T
-    known = len(errors) > 1
-    deviation = float(errors.std(ddof=1)) if known else math.nan
-    stated = known and bool(np.isfinite(margins).all())
-    return Accuracy(
-        frames=len(samples),
-        failures=len(samples) - len(errors),
-        bias=float(errors.mean()) if known else math.nan,
-        bias_error=deviation / math.sqrt(len(errors)) if known else math.nan,
-        deviation=deviation,
-        bound=bound,
-        coverage=float((np.abs(errors) <= margins).mean()) if stated else math.nan,
-    )
-
-
-def write_lines(lines: Sequence[Line], folder: Path) -> None:
-    """Write the rows of the estimators as table.md and table.csv."""
-    rows = []
-    with (folder / 'table.csv').open('w', newline='', encoding='utf-8') as file:
-        writer = csv.writer(file, lineterminator='\n')
-        writer.writerow(_COLUMNS)
-        for line in lines:
-            chain, found, noise = line.chain, line.accuracy, f'{line.noise:g}'
-            covered, ratio = 100 * found.coverage, chain.rotor_length / chain.spacing
-            errors = (found.bias, found.bias_error, found.deviation, found.bound, found.ratio)
-            texts = (number_text(each) for each in (*errors, covered))
-            cell = chain.motion.value, f'{ratio:g}', f'{chain.rest_angle:g}', noise, line.estimator
-            writer.writerow([*cell, found.frames, *texts, found.failures])
-            bias, share = f'{found.bias:+.4f} ± {found.bias_error:.4f}', f'{found.ratio:.3f}'
-            coverage = '' if math.isnan(covered) else f'{covered:.1f} %'
-            failures = f'{found.failures} of {found.frames}'
-            named = class_and_shape(chain), noise, line.estimator
-            rows.append([*named, bias, share, coverage, failures])
-    (folder / 'table.md').write_text(markdown_table(_TITLES, rows), encoding='utf-8')
 
 
 def number_text(number: float) -> str:
@@ -312,3 +232,124 @@ def _rate(row: Row, name: str) -> float:
 
 def _number(text: str) -> float:
     return float(text) if text else math.nan
+
+
+_CAPTION = """ Errors of the analyser in cells of {frames} frames each. Random cells, drawn with
+seed {seed}, are on the left, and named hard cases on the right. Flippers are blue, wobbling
+flippers orange and spinners green. (a) Root mean square of the position error divided by its
+stated standard deviation. (b) The same for the rate. Error bars are jackknife standard errors over
+records. Dashed lines mark 0.95 and 1.05. (c) Failures per 10,000 frames, if any: lost walls
+(discs), false walls (triangles) and frames with the wrong leg (black crosses). The true position
+is the point of the static path nearest to the noiseless frame, averaged over a period of the
+slowest phonon, or over the passage of a rotor if that is shorter. The true rate is the slope over
+three times this duration.
+"""
+_COLOURS = {Motion.FLIPPER: BLUE, Motion.WOBBLING_FLIPPER: ORANGE, Motion.SPINNER: GREEN}
+_LABELS = (
+    'a  position error / stated, rms [1]',
+    'b  rate error / stated, rms [1]',
+    'c  failures per 10,000 frames [1]',
+)
+_MOST = 20.0
+"""Larger normalised errors are drawn at this value [1]."""
+_SHOWN = (
+    ('cell', '', ''),
+    ('class', '', ''),
+    ('N', 'rotors', ''),
+    ('d / d_c', 'd_over_critical', '.3f'),
+    ('noise [rad]', 'noise', '.3g'),
+    ('v / c', 'speed', '.2g'),
+    ('walls', 'walls', ''),
+    ('phonons', 'phonons', '.2g'),
+    ('position rms', 'position_rms', '.2f'),
+    ('±', 'position_rms_error', '.2f'),
+    ('99 %', 'position_99', '.2f'),
+    ('in 1, 2 σ [%]', 'position_coverage', ''),
+    ('bias [σ]', 'position_bias', '+.2f'),
+    ('instant rms', 'instant_rms', '.2f'),
+    ('rate rms', 'rate_rms', '.2f'),
+    ('± ', 'rate_rms_error', '.2f'),
+    ('in 1, 2 σ [%] ', 'rate_coverage', ''),
+    ('σ [spacings]', 'deviation_median', '.2g'),
+    ('shift [σ]', 'shift_max', '.2g'),
+    ('lost', 'lost', '.0f'),
+    ('false', 'false', '.0f'),
+    ('leg', 'wrong_leg', '.0f'),
+    ('failure', '', ''),
+)
+
+
+def draw_cells(rows: Sequence[Row], seed: int, frames: int) -> FigureReport:
+    """Draw the normalised errors and the failures of all cells."""
+    width = max(10.0, 3 + 0.16 * len(rows))
+    figure = Figure(figsize=(width, 11), layout='constrained')
+    report = FigureReport(figure, _CAPTION.format(seed=seed, frames=frames))
+    panels = figure.subplots(3, 1, sharex=True)
+    for axes, name in zip(panels, ('position', 'rate'), strict=False):
+        for number, row in enumerate(rows):
+            _draw_errors(report, axes, name, number, row)
+        for limit in _CONSISTENT:
+            axes.axhline(limit, color=GREY, linestyle='--', linewidth=0.8, zorder=0)
+    for number, row in enumerate(rows):
+        _draw_failures(report, panels[2], number, row)
+    for axes, label in zip(panels, _LABELS, strict=True):
+        axes.set(ylabel=label, yscale='log')
+    names = [row['cell'] for row in rows]
+    panels[2].set_xticks(range(len(rows)), names, rotation=90, fontsize=7)
+    hard = next((n for n, name in enumerate(names) if not name.isdecimal()), len(names))
+    for axes in panels:
+        axes.axvline(hard - 0.5, color=PALE, linewidth=1.5, zorder=0)
+        axes.set_xlim(-1, len(rows))
+    marks = [(motion.value, colour, 'o') for motion, colour in _COLOURS.items()]
+    marks += [('c: lost', GREY, 'o'), ('c: false', GREY, '^'), ('c: wrong leg', BLACK, 'x')]
+    handles = [mark_handle(*mark) for mark in marks]
+    figure.legend(handles=handles, loc=LEGEND_ABOVE, ncols=6)
+    return report
+
+
+def write_cells(rows: Sequence[Row], path: Path) -> None:
+    """Write the table of the cells as Markdown."""
+    titles = [title for title, _, _ in _SHOWN]
+    shown = ([_shown(row, *each) for each in _SHOWN] for row in rows)
+    path.write_text(markdown_table(titles, shown), encoding='utf-8')
+
+
+def _shown(row: Row, title: str, name: str, form: str) -> str:
+    if name.endswith('_coverage'):
+        both = (row[f'{name}_1'], row[f'{name}_2'])
+        return ', '.join(f'{float(each):.0f}' for each in both) if all(both) else ''
+    text = row[name or title]
+    return f'{float(text):{form}}' if form and text else text.replace('|', '∣')
+
+
+def _draw_errors(report: FigureReport, axes: Axes, name: str, number: int, row: Row) -> None:
+    text, error = row[f'{name}_rms'], row[f'{name}_rms_error']
+    if not text:
+        return
+    rms = float(text)
+    shown = min(rms, _MOST)
+    colour = _COLOURS[Motion(row['class'])]
+    bar = min(float(error), 0.9 * shown) if error else 0.0
+    marker = 'o' if rms <= _MOST else '^'
+    axes.errorbar(number, shown, bar, fmt=marker, color=colour, markersize=4, linewidth=1)
+    report.add_points(name, row['cell'], ('cell', 'error / stated, rms [1]'), number, rms)
+
+
+def _draw_failures(report: FigureReport, axes: Axes, number: int, row: Row) -> None:
+    frames = float(row['frames'] or 'nan')
+    colour = _COLOURS[Motion(row['class'])]
+    for name, marker, shade, shift in (
+        ('lost', 'o', colour, -0.2),
+        ('false', '^', colour, 0.0),
+        ('wrong_leg', 'x', BLACK, 0.2),
+    ):
+        share = 1e4 * float(row[name] or 'nan') / frames
+        if share > 0:
+            axes.plot(number + shift, share, marker, color=shade, markersize=4)
+        if math.isfinite(share):
+            report.add_points('failures', f'{row["cell"]}, {name}', ('cell', '1'), number, share)
+
+
+def mark_handle(name: str, colour: str, marker: str) -> Line2D:
+    """Return the entry of a legend for a marker."""
+    return Line2D([], [], color=colour, marker=marker, linestyle='', markersize=6, label=name)
