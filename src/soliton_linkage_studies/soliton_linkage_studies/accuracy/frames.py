@@ -30,13 +30,7 @@ from soliton_linkage_studies.accuracy.estimators import (
 from soliton_linkage_studies.accuracy.statistics import mark_handle, number_text
 from soliton_linkage_studies.drawing import LEGEND_ABOVE, class_and_shape
 from soliton_linkage_studies.figure_report import FigureReport, new_report
-from soliton_linkage_studies.palette import (
-    COLOURS,
-    GREY,
-    MARKERS,
-    PALE,
-    WHITE,
-)
+from soliton_linkage_studies.palette import COLOURS, GREY, MARKERS, PALE, WHITE
 from soliton_linkage_studies.settings import Section, chain_from
 from soliton_linkage_studies.sweep.table import markdown_table
 

@@ -11,20 +11,14 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from soliton_linkage.linkage.chain import Array, Motion
 from soliton_linkage_studies.accuracy.cells import CELL_COLUMNS, AccuracyCell, cell_values
 from soliton_linkage_studies.drawing import LEGEND_ABOVE
 from soliton_linkage_studies.figure_report import FigureReport
-from soliton_linkage_studies.palette import (
-    BLACK,
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    PALE,
-)
+from soliton_linkage_studies.palette import BLACK, BLUE, GREEN, GREY, ORANGE, PALE
 from soliton_linkage_studies.sweep.table import markdown_table
 
 _FAILURES = ('lost', 'false', 'wrong_leg')

@@ -13,27 +13,19 @@ from soliton_linkage.linear.normal_modes import mode_frequencies
 from soliton_linkage.linear.rigidity import mode_centre, zero_mode
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.solitons.static_wall import static_wall
-from soliton_linkage_studies.drawing import (
-    LINKAGE,
-    MODE,
-    PROJECTIONS,
-    ChainPicture,
-    add_legend,
-    expand_limits,
-    parameters,
-)
+from soliton_linkage_studies import drawing
 from soliton_linkage_studies.figure_report import FigureReport, chain_formula, new_report
 from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.palette import GREY, MARKERS, chain_colours
 from soliton_linkage_studies.settings import Section
 
 _CAPTION = f"""
-The chain as a mechanical insulator (paper, Fig. 1). {LINKAGE}
+The chain as a mechanical insulator (paper, Fig. 1). {drawing.LINKAGE}
 
 (a) The linkage of rigid bars (solid red) in its uniform right-leaning state. (b) The same chain
 with springs (dashed red) and its zero mode, which stretches no spring and is localised at the last
-rotor: {MODE}. (c) A wall at rest between right-leaning and left-leaning rotors, in a chain of
-rigid bars. (d) {PROJECTIONS}
+rotor: {drawing.MODE}. (c) A wall at rest between right-leaning and left-leaning rotors, in a chain
+of rigid bars. (d) {drawing.PROJECTIONS}
 
 (e) Absolute components of the normalised zero mode of three chains against the distance from the
 last rotor, one colour for each chain. The lines decay by a factor of e per penetration depth
@@ -62,18 +54,18 @@ def figure_1(section: Section, quick: bool) -> FigureReport:
     grid = figure.add_gridspec(4, 2, height_ratios=[1, 1, 1.2, 2.4])
     top = [figure.add_subplot(grid[row, :]) for row in range(3)]
     rest = chain.uniform_state(1)
-    uniform = ChainPicture(top[0], chain, rest, rigid=True)
+    uniform = drawing.ChainPicture(top[0], chain, rest, rigid=True)
     wall = static_wall(chain, (chain.number_of_rotors - 1) / 2)
-    moving = ChainPicture(top[1], chain, rest, zero_mode(chain, rest))
-    waiting = ChainPicture(top[2], chain, wall, projections=True, rigid=True)
-    expand_limits([uniform, moving])
+    moving = drawing.ChainPicture(top[1], chain, rest, zero_mode(chain, rest))
+    waiting = drawing.ChainPicture(top[2], chain, wall, projections=True, rigid=True)
+    drawing.expand_limits([uniform, moving])
     waiting.axes.set_xlim(moving.axes.get_xlim())
     for axes, title in zip(top, _TITLES, strict=True):
         axes.set_title(title, loc='left')
     names, rotors = ('rotor n', 'phi [rad]'), np.arange(chain.number_of_rotors)
     report.add_points('a', 'leaning right', names, rotors, rest)
     report.add_points('c', 'wall', names, rotors, wall)
-    add_legend(figure)
+    drawing.add_legend(figure)
     chains = [chain, *others]
     _draw_depths(report, figure.add_subplot(grid[3, 0]), chains)
     _draw_bands(report, figure.add_subplot(grid[3, 1]), chains)
@@ -87,7 +79,7 @@ def _draw_depths(report: FigureReport, axes: Axes, chains: list[Chain]) -> None:
         mode = np.abs(zero_mode(chain, chain.uniform_state(1)))
         from_edge = np.arange(chain.number_of_rotors)[::-1]
         depth = penetration_depth(chain) / chain.spacing
-        name, names = parameters(chain), ('rotors from the last', 'zero mode |t| [1]')
+        name, names = drawing.parameters(chain), ('rotors from the last', 'zero mode |t| [1]')
         look = {'color': colour, 'label': name}
         report.plot(axes, ('e', name), names, from_edge, mode, marker, **look)
         axes.plot(from_edge, mode[-1] * np.exp(-from_edge / depth), '-', color=colour)
@@ -109,9 +101,9 @@ def _draw_bands(report: FigureReport, axes: Axes, chains: list[Chain]) -> None:
         ascending = np.argsort(dispersion(chain, steps / chain.spacing))
         placed = np.empty(rotors - 1)
         placed[ascending] = found
-        look = {'color': colour, 'label': parameters(chain), 'markersize': 4}
+        look = {'color': colour, 'label': drawing.parameters(chain), 'markersize': 4}
         names = ('wave number k a [rad]', 'frequency omega sqrt(M/k_e) [1]')
-        report.plot(axes, ('f', parameters(chain)), names, steps, placed, marker, **look)
+        report.plot(axes, ('f', drawing.parameters(chain)), names, steps, placed, marker, **look)
     axes.axhline(0, color=GREY, linewidth=0.8)
     axes.set(xlabel='wave number k a of the staggered angles [rad]')
     axes.set(ylabel=r'frequency $\omega\,\sqrt{M/k_e}$ [1]', title='f  no phonon below the gap')
@@ -120,7 +112,7 @@ def _draw_bands(report: FigureReport, axes: Axes, chains: list[Chain]) -> None:
 
 
 def _compare(report: FigureReport, chain: Chain, rotors: int) -> None:
-    name, spacing, unit = parameters(chain), chain.spacing, chain.time_unit
+    name, spacing, unit = drawing.parameters(chain), chain.spacing, chain.time_unit
     lengths = spacing, chain.rotor_length, chain.rest_angle
     long_chain = Chain(rotors, *lengths, chain.mass, chain.stiffness)
     frequencies = mode_frequencies(long_chain, long_chain.uniform_state(1))[1:] * unit

@@ -13,25 +13,10 @@ from numpy.typing import NDArray
 
 from soliton_linkage.linear.bands import couplings
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
-from soliton_linkage_studies import palette
-from soliton_linkage_studies.drawing import (
-    ChainPicture,
-    draw_torus,
-    mass_points,
-    pivot_points,
-    towards_camera,
-)
+from soliton_linkage_studies import drawing, palette, unit_cell
 from soliton_linkage_studies.figure_report import FigureReport, chain_formula, new_report
 from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.settings import Section
-from soliton_linkage_studies.unit_cell import (
-    component_of,
-    configuration_curves,
-    flipper_limit,
-    ground_states,
-    spinner_limit,
-    windings,
-)
 
 _FINE = 40_000
 """Number of steps of a curve whose slopes are compared with theory [1]; their error is 1e-7."""
@@ -77,14 +62,14 @@ def figure_4(section: Section, quick: bool) -> FigureReport:
     rows = [report.figure.add_subfigure(grid[row]) for row in range(4)]
     _draw_diagram(report, rows[0].subplots(), chains, 200)
     for number, chain in enumerate(chains, start=1):
-        curves = configuration_curves(chain, points // 10 if quick else points)
+        curves = unit_cell.configuration_curves(chain, points // 10 if quick else points)
         cells, torus = (row.add_subplot(1, len(chains), number) for row in rows[1:3])
         solid = rows[3].add_subplot(1, len(chains), number, projection='3d')
         letters = 'bcd' if number == 1 else ('', '', '')
         _draw_cells(cells, chain, letters[0])
         _draw_curves(report, torus, chain, curves, letters[1])
         _draw_solid_torus(solid, curves, letters[2])
-        _compare(report, chain, configuration_curves(chain, 1000 if quick else _FINE))
+        _compare(report, chain, unit_cell.configuration_curves(chain, 1000 if quick else _FINE))
     _compare_limits(report, chains[0])
     return report
 
@@ -92,7 +77,7 @@ def figure_4(section: Section, quick: bool) -> FigureReport:
 def _draw_diagram(report: FigureReport, axes: Axes, chains: list[Chain], points: int) -> None:
     low, high = 0.1, 10.0
     rest_angles = np.linspace(0.02, math.pi / 2 - 0.02, points)
-    limits = flipper_limit(rest_angles), spinner_limit(rest_angles)
+    limits = unit_cell.flipper_limit(rest_angles), unit_cell.spinner_limit(rest_angles)
     borders = np.clip([np.zeros(points), *limits, np.full(points, np.inf)], low, high)
     for (motion, position), (left, right) in zip(_REGIONS.items(), pairwise(borders), strict=True):
         colour = palette.tint(palette.MOTION_COLOURS[motion], 0.2)
@@ -118,13 +103,13 @@ def _draw_cells(axes: Axes, chain: Chain, letter: str) -> None:
     cell = Chain(2, chain.spacing, chain.rotor_length, chain.rest_angle)
     across = 2 * chain.rotor_length + 2 * chain.spacing
     down = 2.2 * chain.rotor_length * math.cos(chain.rest_angle) + 0.9 * chain.spacing
-    for number, state in enumerate(ground_states(cell)):
-        picture = ChainPicture(axes, cell, staggered(state), rigid=True)
+    for number, state in enumerate(unit_cell.ground_states(cell)):
+        picture = drawing.ChainPicture(axes, cell, staggered(state), rigid=True)
         aside = np.array([across * (number % 2), -down * (number // 2)])
         for bars in (picture.springs, picture.rotors):
             bars.set_segments([np.asarray(segment) + aside for segment in bars.get_segments()])
-        picture.pivots.set_data(*(pivot_points(cell) + aside).T)
-        picture.masses.set_data(*(mass_points(cell, staggered(state)) + aside).T)
+        picture.pivots.set_data(*(drawing.pivot_points(cell) + aside).T)
+        picture.masses.set_data(*(drawing.mass_points(cell, staggered(state)) + aside).T)
         picture.masses.set_color(palette.LEANS_LEFT if number % 2 else palette.LEANS_RIGHT)
     high = chain.rotor_length * math.cos(chain.rest_angle) + 0.4 * chain.spacing
     half = max(0.85 * across, _SHAPE * (down / 2 + high))
@@ -139,7 +124,7 @@ def _draw_cells(axes: Axes, chain: Chain, letter: str) -> None:
 def _draw_curves(
     report: FigureReport, axes: Axes, chain: Chain, curves: tuple[Array, ...], letter: str
 ) -> None:
-    draw_torus(axes, chain, curves)
+    drawing.draw_torus(axes, chain, curves)
     ratios = f'$d = {chain.lean_ratio:.2f}$, $d_c = {chain.critical_lean_ratio:.2f}$'
     axes.set_title(f'{letter}  configurations, {ratios}'.lstrip(), loc='left', fontsize=10)
     if letter:
@@ -181,7 +166,7 @@ def on_torus(around: Array, across: Array) -> tuple[Array, Array, Array]:
 
 def hidden(points: Array) -> NDArray[np.bool_]:
     """Return whether points of the torus, shape (3, K), are hidden from the viewer, shape (K,)."""
-    eye = towards_camera(_AZIMUTH, _ELEVATION)
+    eye = drawing.towards_camera(_AZIMUTH, _ELEVATION)
     steps = np.linspace(0.02, 2 * (_RADIUS + 1), 400)
     x, y, z = points[:, :, None] + eye[:, None, None] * steps
     inside = (np.hypot(x, y) - _RADIUS) ** 2 + z**2 < 1
@@ -198,10 +183,12 @@ def _compare(report: FigureReport, chain: Chain, curves: tuple[Array, ...]) -> N
         laws = 'linked rings', 'once about both, in opposite senses'
     for number, curve in enumerate(curves, start=1):
         expected = (1.0, -1.0) if spinner else (0.0, 0.0)
-        for angle, turns, wanted in zip('₁₂', windings(curve), expected, strict=True):
+        for angle, turns, wanted in zip('₁₂', unit_cell.windings(curve), expected, strict=True):
             quantity = f'turns of θ{angle} along component {number}, {name}'
             report.add_comparison(quantity, *laws, float(turns), wanted)
-    states = float(np.count_nonzero(component_of(chain, ground_states(chain)) == 0))
+    states = float(
+        np.count_nonzero(unit_cell.component_of(chain, unit_cell.ground_states(chain)) == 0)
+    )
     laws = ('a pair ±θ̄', 'θ̄ and π + θ̄') if spinner else ('all four', 'all four')
     quantity = f'uniform states on the first component, {name}'
     report.add_comparison(quantity, *laws, states, 2.0 if spinner else 4.0)
@@ -221,7 +208,7 @@ def _compare_limits(report: FigureReport, chain: Chain) -> None:
     while high - low > 1e-9 * high:
         ratio = (low + high) / 2
         cell = Chain(2, 1.0, ratio, chain.rest_angle)
-        both = component_of(cell, ground_states(cell)).any()
+        both = unit_cell.component_of(cell, unit_cell.ground_states(cell)).any()
         low, high = (low, ratio) if both else (ratio, high)
     report.add_comparison(
         f'r/a where flippers become spinners, θ̄ = {chain.rest_angle:g}',

@@ -15,16 +15,8 @@ from soliton_linkage.linear.bands import penetration_depth, speed_of_sound
 from soliton_linkage.linkage.chain import Chain, Motion, staggered
 from soliton_linkage.solitons.static_wall import site_arc, static_wall
 from soliton_linkage.solitons.tanh_fit import find_solitons
+from soliton_linkage_studies import experiments
 from soliton_linkage_studies.drawing import shape
-from soliton_linkage_studies.experiments import (
-    DISTANCE_LABEL,
-    SNAPSHOTS,
-    Snapshots,
-    arctanh_width,
-    record_moving_wall,
-    snapshots,
-    static_profile,
-)
 from soliton_linkage_studies.figure_report import FigureReport, Formula, chain_formula, new_report
 from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.palette import (
@@ -74,7 +66,7 @@ class WallAtSpeed:
     """Snapshots of one wall, with its relative speed and its width."""
 
     kick: float
-    snapshots: Snapshots
+    snapshots: experiments.Snapshots
     relative_speed: float
     width: float
     """Width from `arctanh_width`, divided by the continuum width at rest [1]."""
@@ -126,7 +118,7 @@ def _profile_figure(
         shape=shape(chain),
         number=section.name[-1],
         field=field,
-        count=SNAPSHOTS,
+        count=experiments.SNAPSHOTS,
         profiles=len(profiles),
         inset=inset_caption.strip(),
     )
@@ -145,10 +137,10 @@ def _profile_figure(
 
 
 def _moving_wall(chain: Chain, kick: float) -> WallAtSpeed:
-    recording, _ = record_moving_wall(chain, kick)
-    seen = snapshots(chain, recording, SNAPSHOTS)
+    recording, _ = experiments.record_moving_wall(chain, kick)
+    seen = experiments.snapshots(chain, recording, experiments.SNAPSHOTS)
     unit = chain.wall_width / chain.spacing
-    width = arctanh_width(seen.distances[:, 1:-1], seen.fields[:, 1:-1]) / unit
+    width = experiments.arctanh_width(seen.distances[:, 1:-1], seen.fields[:, 1:-1]) / unit
     fits = [find_solitons(chain, angles)[0].width / chain.wall_width for angles in seen.angles]
     speed = seen.speed * chain.spacing / speed_of_sound(chain)
     return WallAtSpeed(kick, seen, speed, width, float(np.mean(fits)))
@@ -158,7 +150,7 @@ def _draw_profiles(
     report: FigureReport, axes: Axes, chain: Chain, walls: list[WallAtSpeed]
 ) -> None:
     fine = np.linspace(-80, 80, 1601)
-    names = (DISTANCE_LABEL, 'order field [1]')
+    names = (experiments.DISTANCE_LABEL, 'order field [1]')
     for colour, wall in zip(scale_colours(len(walls)), walls, strict=True):
         look: Any = {'color': colour, 'label': f'v = {wall.relative_speed:.2f} c', 'markersize': 3}
         points = wall.snapshots.distances.ravel(), wall.snapshots.fields.ravel()
@@ -223,10 +215,10 @@ def _compare_walls(report: FigureReport, chain: Chain, walls: list[WallAtSpeed])
 
 def _draw_wobbler(report: FigureReport, axes: Axes, chain: Chain) -> None:
     middle = (chain.number_of_rotors - 1) / 2
-    positions, fields = static_profile(chain, middle)
+    positions, fields = experiments.static_profile(chain, middle)
     near = np.abs(positions) < 7
     fine = np.linspace(-7, 7, 400)
-    names, look = (DISTANCE_LABEL, 'u / ub [1]'), {'color': MEASURED, 'label': 'chain'}
+    names, look = (experiments.DISTANCE_LABEL, 'u / ub [1]'), {'color': MEASURED, 'label': 'chain'}
     where = ('wobbler', 'chain')
     report.plot(axes, where, names, positions[near], fields[near], '.', markersize=4, **look)
     axes.plot(fine, -np.tanh(fine * chain.lean_ratio), '-', color=GREY, label='tanh')
@@ -253,7 +245,7 @@ def _draw_offset(report: FigureReport, axes: Axes, chain: Chain, wall: WallAtSpe
         ('odd rotors', positions[1::2], odd, WHITE),
     ):
         look = {'color': MEASURED, 'markerfacecolor': face, 'label': f'φ, {rotors}'}
-        where, names = ('angles', rotors), (DISTANCE_LABEL, 'phi [rad]')
+        where, names = ('angles', rotors), (experiments.DISTANCE_LABEL, 'phi [rad]')
         report.plot(axes, where, names, x, y, 'o', markersize=4, **look)
     axes.set(xlabel='n − X [rotor spacings]', ylabel='actual angle φ [rad]')
     axes.set_title('b  angles of the rotors in one snapshot', loc='left', fontsize=10)
@@ -277,5 +269,7 @@ def _draw_offset(report: FigureReport, axes: Axes, chain: Chain, wall: WallAtSpe
 
 
 def _width_at_rest(chain: Chain) -> float:
-    found = arctanh_width(*static_profile(chain, (chain.number_of_rotors - 1) / 2))
+    found = experiments.arctanh_width(
+        *experiments.static_profile(chain, (chain.number_of_rotors - 1) / 2)
+    )
     return found * chain.spacing / chain.wall_width

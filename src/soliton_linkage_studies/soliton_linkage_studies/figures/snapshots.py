@@ -16,15 +16,7 @@ from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 from soliton_linkage.solitons.static_wall import site_arc
 from soliton_linkage.solitons.tanh_fit import order_field
 from soliton_linkage.solitons.track import find_crossings, follow
-from soliton_linkage_studies.drawing import (
-    LINKAGE,
-    MODE,
-    PROJECTIONS,
-    ChainPicture,
-    add_legend,
-    description,
-    expand_limits,
-)
+from soliton_linkage_studies import drawing
 from soliton_linkage_studies.experiments import record_kick
 from soliton_linkage_studies.figure_report import FigureReport, chain_formula
 from soliton_linkage_studies.figures import FIGURES
@@ -36,7 +28,7 @@ The kick along the zero mode has the speed v₀ = {{kick:g}} a√(kₑ/M). (a) B
 halfway through its first crossing. (c) After one round trip, with the wall at the last rotor
 again.{{lowered}}
 
-{LINKAGE} Dashed red lines are springs. In each state {MODE}. {PROJECTIONS}
+{drawing.LINKAGE} Dashed red lines are springs. In each state {drawing.MODE}. {drawing.PROJECTIONS}
 """
 _LOWERED = (
     ' Odd rotors (grey) are shifted down so that rotors do not overlap; therefore the springs '
@@ -71,18 +63,18 @@ def snapshot_figure(section: Section, quick: bool) -> FigureReport:
     chosen = [0, halfway, int(np.argmax(np.where(back, fields.mean(axis=1), -math.inf)))]
     lowered = _APART * chain.rotor_length if chain.rotor_length > chain.spacing else 0.0
     shift = _LOWERED if lowered else ''
-    caption = _CAPTION.format(chain=description(chain), kick=kick, lowered=shift)
+    caption = _CAPTION.format(chain=drawing.description(chain), kick=kick, lowered=shift)
     report = FigureReport(Figure(layout='constrained'), caption)
     panels = report.figure.subplots(3, 1)
     states = ('before the kick', 'wall halfway to the first rotor', 'after one round trip')
     shown = [(angles, zero_mode(chain, angles)) for angles in recording.angles[chosen]]
     pictures = [
-        ChainPicture(axes, chain, *each, projections=True, lowered=lowered)
+        drawing.ChainPicture(axes, chain, *each, projections=True, lowered=lowered)
         for axes, each in zip(panels, shown, strict=True)
     ]
-    width, height = expand_limits(pictures)
+    width, height = drawing.expand_limits(pictures)
     report.figure.set_size_inches(_WIDTH, 3 * (_WIDTH * height / width + 0.4) + 0.3)
-    add_legend(report.figure)
+    drawing.add_legend(report.figure)
     for axes, frame, letter, state in zip(panels, chosen, 'abc', states, strict=True):
         angles = recording.angles[frame]
         time = recording.times[frame] / chain.time_unit

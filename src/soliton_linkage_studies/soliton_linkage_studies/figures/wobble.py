@@ -14,14 +14,8 @@ from soliton_linkage.linear.bands import penetration_depth
 from soliton_linkage.linear.rigidity import mode_towards_last
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.solitons.static_wall import site_arc, static_wall
+from soliton_linkage_studies import experiments
 from soliton_linkage_studies.drawing import shape
-from soliton_linkage_studies.experiments import (
-    DISTANCE_LABEL,
-    SNAPSHOTS,
-    Snapshots,
-    snapshots,
-    static_profile,
-)
 from soliton_linkage_studies.figure_report import FigureReport, Formula, chain_formula, new_report
 from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.palette import GREY, MARKERS, MEASURED, PAPER, THEORY, chain_colours
@@ -56,13 +50,13 @@ def figure_s1(section: Section, quick: bool) -> FigureReport:
     """Draw wall profiles of wobbling flippers in a slow motion (paper, Fig. S1)."""
     section.check_keys('chains')
     chains = list(section.chains().values())
-    count = _QUICK_SNAPSHOTS if quick else SNAPSHOTS
+    count = _QUICK_SNAPSHOTS if quick else experiments.SNAPSHOTS
     report = new_report(_PROFILES.format(count=count), 9, 5.5)
     axes = report.figure.subplots()
     for chain, colour, marker in zip(chains, chain_colours(chains), MARKERS, strict=False):
         seen = _slow_snapshots(chain, count)
         near = np.abs(seen.distances) < 9
-        name, names = shape(chain), (DISTANCE_LABEL, 'u / ub [1]')
+        name, names = shape(chain), (experiments.DISTANCE_LABEL, 'u / ub [1]')
         points = seen.distances[near], seen.fields[near]
         look: Any = {'color': colour, 'markersize': 4, 'label': name}
         report.plot(axes, ('', name), names, *points, marker, **look)
@@ -80,7 +74,7 @@ def figure_s2(section: Section, quick: bool) -> FigureReport:
     """Draw oscillations next to walls, and the theory of their decay (paper, Fig. S2)."""
     section.check_keys('chains')
     chains = list(section.chains().values())
-    count = _QUICK_SNAPSHOTS if quick else SNAPSHOTS
+    count = _QUICK_SNAPSHOTS if quick else experiments.SNAPSHOTS
     report = new_report(_TAILS.format(count=count), 12, 3 * len(chains))
     panels = report.figure.subplots(len(chains), 2, sharex=True, squeeze=False)
     for (linear, logarithmic), chain in zip(panels, chains, strict=True):
@@ -108,11 +102,11 @@ def figure_s2(section: Section, quick: bool) -> FigureReport:
     return report
 
 
-def _slow_snapshots(chain: Chain, count: int) -> Snapshots:
+def _slow_snapshots(chain: Chain, count: int) -> experiments.Snapshots:
     start = static_wall(chain, chain.number_of_rotors // 2 - 0.5)
     period = site_arc(chain) / count
     simulation = RigidSimulation(chain, start, mode_towards_last(chain, start), period)
-    return snapshots(chain, simulation.record((count - 1) * period), count)
+    return experiments.snapshots(chain, simulation.record((count - 1) * period), count)
 
 
 def _draw_decays(
@@ -147,7 +141,7 @@ def _draw_decays(
 
 
 def _compare_overshoot(report: FigureReport, chain: Chain) -> None:
-    positions, fields = static_profile(chain, (chain.number_of_rotors - 1) / 2)
+    positions, fields = experiments.static_profile(chain, (chain.number_of_rotors - 1) / 2)
     lean_ratio = chain.lean_ratio
     from_tanh = lean_ratio / 2 * (fields + np.tanh(positions * lean_ratio))
     report.add_comparison(

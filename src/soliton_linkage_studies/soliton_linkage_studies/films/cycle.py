@@ -17,34 +17,9 @@ from soliton_linkage.dynamics.rigid import RigidSimulation
 from soliton_linkage.linear.rigidity import zero_mode
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.gravity import Gravity
-from soliton_linkage_studies.drawing import (
-    LINKAGE,
-    MODE,
-    PROJECTIONS,
-    ChainPicture,
-    description,
-    limits,
-    mass_points,
-    move_projections,
-    pivot_points,
-    projection_quiver,
-    towards_camera,
-)
+from soliton_linkage_studies import drawing
 from soliton_linkage_studies.experiments import kick_rates
-from soliton_linkage_studies.films.scenes import (
-    BOTTOM,
-    FILM_KINDS,
-    LEFT,
-    SPACE_TIME,
-    TOLERANCE,
-    TOP,
-    WIDTH,
-    Format,
-    ProfilePanel,
-    Scene,
-    SpaceTime,
-    stacked,
-)
+from soliton_linkage_studies.films import scenes
 from soliton_linkage_studies.palette import BLACK, BLUE, GREY, RED, WHITE
 from soliton_linkage_studies.settings import Section, setting
 
@@ -79,36 +54,36 @@ class KickedWall:
 
     def describe(self) -> str:
         """Return a one-line description of the chain and of the kick."""
-        return f'{description(self.chain)}, v₀ = {self.kick:g} a√(kₑ/M)'
+        return f'{drawing.description(self.chain)}, v₀ = {self.kick:g} a√(kₑ/M)'
 
 
-@FILM_KINDS.add('cycle')
-class CycleScene(Scene):
+@scenes.FILM_KINDS.add('cycle')
+class CycleScene(scenes.Scene):
     """Scene of a kicked chain of springs, with its zero mode, profile and space-time diagram."""
 
     caption = f"""
-    {LINKAGE} Dashed red lines are springs; {MODE}. {PROJECTIONS}
+    {drawing.LINKAGE} Dashed red lines are springs; {drawing.MODE}. {drawing.PROJECTIONS}
 
     Middle: displacement u of each rotor against its position (dots). If the chain has one wall,
     the line shows the continuum theory of a wall at rest at the same position. For a spinner, even
     rotors have filled dots and the solid line; odd rotors have hollow dots and the dashed line.
     The pale line is u = 0.
-    {SPACE_TIME}
+    {scenes.SPACE_TIME}
     """
     settings = KickedWall
 
-    def __init__(self, title: str, motion: KickedWall, shape: Format) -> None:
+    def __init__(self, title: str, motion: KickedWall, shape: scenes.Format) -> None:
         chain = motion.chain
         super().__init__(title, motion.describe(), shape, motion.duration, chain.time_unit)
         rest = chain.uniform_state(1)
         rates = kick_rates(chain, rest, motion.kick)
-        simulation = ElasticSimulation(chain, rest, rates, self.period, TOLERANCE)
+        simulation = ElasticSimulation(chain, rest, rates, self.period, scenes.TOLERANCE)
         self.angles = simulation.record(motion.duration).angles
-        above, middle, below = stacked(self.figure, chain, (0.45, 0.55))
+        above, middle, below = scenes.stacked(self.figure, chain, (0.45, 0.55))
         mode = zero_mode(chain, rest)
-        self._picture = ChainPicture(above, chain, rest, mode, projections=True)
-        self._profile = ProfilePanel(middle, chain)
-        self._space_time = SpaceTime(below, chain, self.angles, motion.duration)
+        self._picture = drawing.ChainPicture(above, chain, rest, mode, projections=True)
+        self._profile = scenes.ProfilePanel(middle, chain)
+        self._space_time = scenes.SpaceTime(below, chain, self.angles, motion.duration)
         self.add_moving([*self._picture.artists, *self._profile.moving, *self._space_time.moving])
         self.show(0)
 
@@ -127,23 +102,23 @@ class Staggering(KickedWall):
     turn: float = setting("change of the camera's azimuth during the film", 'rad', -10.0, 10.0)
 
 
-@FILM_KINDS.add('staggered')
-class StaggeredScene(Scene):
+@scenes.FILM_KINDS.add('staggered')
+class StaggeredScene(scenes.Scene):
     """Scene of a three-dimensional linkage, whose rotors and bars lie in separate planes."""
 
     caption = f"""
     Each rotor and each bar lies in a separate plane. Where two bodies cross, the nearer one has a
-    white border. The legend in the film explains the colours. {SPACE_TIME}
+    white border. The legend in the film explains the colours. {scenes.SPACE_TIME}
     """
     settings = Staggering
 
-    def __init__(self, title: str, motion: Staggering, shape: Format) -> None:
+    def __init__(self, title: str, motion: Staggering, shape: scenes.Format) -> None:
         chain = motion.chain
         subtitle = f'{motion.describe()}, rigid bars'
         super().__init__(title, subtitle, shape, motion.duration, chain.time_unit)
         rest = chain.uniform_state(1)
         rates = kick_rates(chain, rest, motion.kick)
-        simulation = RigidSimulation(chain, rest, rates, self.period, TOLERANCE)
+        simulation = RigidSimulation(chain, rest, rates, self.period, scenes.TOLERANCE)
         self.angles = simulation.record(motion.duration).angles
         self._chain, self._layer = chain, motion.depth * chain.spacing
         self._azimuths = _AZIMUTH + np.linspace(0, motion.turn, shape.frames)
@@ -159,8 +134,8 @@ class StaggeredScene(Scene):
         self._bodies = LineCollection([[(0, 0), (0, 0)]], capstyle='round')
         self._bodies.set_clip_on(False)
         self._axes.add_collection3d(self._bodies)
-        below = self.figure.add_axes((LEFT, BOTTOM, WIDTH, 0.19))
-        self._space_time = SpaceTime(below, chain, self.angles, motion.duration)
+        below = self.figure.add_axes((scenes.LEFT, scenes.BOTTOM, scenes.WIDTH, 0.19))
+        self._space_time = scenes.SpaceTime(below, chain, self.angles, motion.duration)
         self.add_moving([self._axes, *self._space_time.moving])
         self.show(0)
 
@@ -188,7 +163,7 @@ class StaggeredScene(Scene):
 
     def _add_axes(self) -> Any:
         axes: Any = self.figure.add_axes((0.0, 0.17, 1.0, 0.9), projection='3d')
-        left, right, bottom, top = limits(self._chain)
+        left, right, bottom, top = drawing.limits(self._chain)
         deep = 2 * self._layer * self._chain.number_of_rotors
         axes.set(xlim=(left, right), ylim=(-self._layer, deep), zlim=(bottom, top))
         axes.set_box_aspect((right - left, deep + self._layer, top - bottom), zoom=1.9)
@@ -205,7 +180,7 @@ def layered(chain: Chain, angles: Array, layer: float) -> Array:
     [m]. Each bar lies halfway between the planes of its two rotors, so that bodies that are not
     joined cannot collide.
     """
-    pivots, masses = pivot_points(chain), mass_points(chain, angles)
+    pivots, masses = drawing.pivot_points(chain), drawing.mass_points(chain, angles)
     planes: Array = np.linspace(0.0, 2 * layer * chain.number_of_springs, len(pivots))
 
     def points(flat: Array, depths: Array) -> Array:
@@ -227,7 +202,7 @@ def from_behind(bodies: Array, azimuth: float, elevation: float) -> list[int]:
     A body is a pair of end points [m]; azimuth and elevation [rad] give the direction of the
     camera.
     """
-    nearness = bodies.mean(axis=1) @ towards_camera(azimuth, elevation)
+    nearness = bodies.mean(axis=1) @ drawing.towards_camera(azimuth, elevation)
     return [int(body) for body in np.argsort(nearness, kind='stable')]
 
 
@@ -254,38 +229,40 @@ class Tilting:
         return Tilting(section.chain(), acceleration, times, tilts)
 
 
-@FILM_KINDS.add('tilt')
-class TiltScene(Scene):
+@scenes.FILM_KINDS.add('tilt')
+class TiltScene(scenes.Scene):
     """Scene of a left-leaning linkage that is tilted back and forth under gravity."""
 
     caption = f"""
-    {LINKAGE} Red lines are rigid bars; {MODE}. {PROJECTIONS}
+    {drawing.LINKAGE} Red lines are rigid bars; {drawing.MODE}. {drawing.PROJECTIONS}
 
-    {SPACE_TIME} To its right, the grey line is the tilt of the linkage over time and the black dot
-    is the current tilt.
+    {scenes.SPACE_TIME} To its right, the grey line is the tilt of the linkage over time and the
+    black dot is the current tilt.
     """
     settings = Tilting
 
-    def __init__(self, title: str, motion: Tilting, shape: Format) -> None:
+    def __init__(self, title: str, motion: Tilting, shape: scenes.Format) -> None:
         chain = motion.chain
-        subtitle = f'{description(chain)}, rigid bars, a little friction'
+        subtitle = f'{drawing.description(chain)}, rigid bars, a little friction'
         super().__init__(title, subtitle, shape, motion.times[-1], chain.time_unit)
         self._tilts = np.interp(self.times, motion.times, motion.tilts)
         self.angles = _fallen(motion, self._tilts, self.period)
         height = 0.48
-        above = self.figure.add_axes((LEFT, TOP - height, WIDTH, height))
+        above = self.figure.add_axes((scenes.LEFT, scenes.TOP - height, scenes.WIDTH, height))
         rest = self.angles[0]
-        self._picture = ChainPicture(above, chain, rest, zero_mode(chain, rest), rigid=True)
+        self._picture = drawing.ChainPicture(
+            above, chain, rest, zero_mode(chain, rest), rigid=True
+        )
         _make_room(above, chain, float(np.abs(self._tilts).max()))
-        free = TOP - height - 0.11 - BOTTOM
-        space = self.figure.add_axes((LEFT, BOTTOM, 0.6, free))
-        self._space_time = SpaceTime(space, chain, self.angles, motion.times[-1])
-        strip = self.figure.add_axes((LEFT, BOTTOM + free + 0.04, 0.6, 0.03))
-        bottom, top = limits(chain, projections=True)[2], limits(chain)[2]
+        free = scenes.TOP - height - 0.11 - scenes.BOTTOM
+        space = self.figure.add_axes((scenes.LEFT, scenes.BOTTOM, 0.6, free))
+        self._space_time = scenes.SpaceTime(space, chain, self.angles, motion.times[-1])
+        strip = self.figure.add_axes((scenes.LEFT, scenes.BOTTOM + free + 0.04, 0.6, 0.03))
+        bottom, top = drawing.limits(chain, projections=True)[2], drawing.limits(chain)[2]
         strip.set(xlim=space.get_xlim(), ylim=(bottom, top), title='u = r sin φ of each rotor')
         strip.set_axis_off()
-        self._projections = projection_quiver(strip, chain, rest)
-        tilt = self.figure.add_axes((LEFT + 0.67, BOTTOM, WIDTH - 0.67, free))
+        self._projections = drawing.projection_quiver(strip, chain, rest)
+        tilt = self.figure.add_axes((scenes.LEFT + 0.67, scenes.BOTTOM, scenes.WIDTH - 0.67, free))
         tilt.plot(np.degrees(self._tilts), self.times, color=GREY, linewidth=2)
         tilt.set(xlabel='tilt [°]', ylabel='t [s]', title='left end low | right end low')
         tilt.set(ylim=(0, motion.times[-1]))
@@ -298,7 +275,7 @@ class TiltScene(Scene):
         angles, tilt = self.angles[frame], float(self._tilts[frame])
         chain = self._picture.chain
         self._picture.update(angles, zero_mode(chain, angles), tilt)
-        move_projections(self._projections, chain, angles)
+        drawing.move_projections(self._projections, chain, angles)
         self._space_time.show(frame)
         self._now.set_data([math.degrees(tilt)], [self.times[frame]])
 
@@ -307,7 +284,7 @@ def _fallen(motion: Tilting, tilts: Array, period: float) -> Array:
     chain = motion.chain
     start = chain.uniform_state(-1)
     field = Gravity(motion.acceleration, float(tilts[0]))
-    simulation = RigidSimulation(chain, start, None, period, TOLERANCE, field)
+    simulation = RigidSimulation(chain, start, None, period, scenes.TOLERANCE, field)
     angles = [simulation.angles]
     for tilt in tilts[:-1]:
         simulation.set_gravity(Gravity(motion.acceleration, float(tilt)))
@@ -317,7 +294,7 @@ def _fallen(motion: Tilting, tilts: Array, period: float) -> Array:
 
 
 def _make_room(axes: Axes, chain: Chain, tilt: float) -> None:
-    left, right, _, top = limits(chain)
+    left, right, _, top = drawing.limits(chain)
     rise = (right - left) / 2 * math.sin(tilt) + top
     axes.set_ylim(-rise, rise)
     arrow = {'arrowstyle': '-|>', 'linewidth': 2.5, 'mutation_scale': 20, 'color': BLACK}

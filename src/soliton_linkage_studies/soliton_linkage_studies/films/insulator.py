@@ -14,25 +14,8 @@ from soliton_linkage.linear.bands import gap, penetration_depth
 from soliton_linkage.linear.rigidity import zero_mode
 from soliton_linkage.linear.statics import stiffness_matrix
 from soliton_linkage.linkage.chain import Array, Chain, staggered
-from soliton_linkage_studies.drawing import (
-    LINKAGE,
-    MODE,
-    ChainPicture,
-    description,
-    draw_torus,
-    limits,
-    pivot_points,
-    split_at_wraps,
-)
-from soliton_linkage_studies.films.scenes import (
-    BOTTOM,
-    FILM_KINDS,
-    LEFT,
-    TOP,
-    WIDTH,
-    Format,
-    Scene,
-)
+from soliton_linkage_studies import drawing
+from soliton_linkage_studies.films import scenes
 from soliton_linkage_studies.palette import BLACK, BLUE, DARK, GREEN, GREY, PALE, RED
 from soliton_linkage_studies.settings import Section, setting
 from soliton_linkage_studies.unit_cell import configuration_curves
@@ -59,21 +42,23 @@ class Insulation:
         return Insulation(chain, duration, **values)
 
 
-@FILM_KINDS.add('insulator')
-class InsulatorScene(Scene):
+@scenes.FILM_KINDS.add('insulator')
+class InsulatorScene(scenes.Scene):
     """Scene of three right-leaning chains: zero mode, drive in the gap, drive above the gap."""
 
     caption = f"""
-    {LINKAGE} Dashed red lines are springs; {MODE}.
+    {drawing.LINKAGE} Dashed red lines are springs; {drawing.MODE}.
 
     Bottom: amplitude of each rotor in the three motions against its position, on a logarithmic
     scale. The green line decays by a factor of e per penetration depth ℓ from the last rotor.
     """
     settings = Insulation
 
-    def __init__(self, title: str, motion: Insulation, shape: Format) -> None:
+    def __init__(self, title: str, motion: Insulation, shape: scenes.Format) -> None:
         chain = motion.chain
-        super().__init__(title, description(chain), shape, motion.duration, chain.time_unit)
+        super().__init__(
+            title, drawing.description(chain), shape, motion.duration, chain.time_unit
+        )
         mode = zero_mode(chain, chain.uniform_state(1))
         mode *= motion.swing / mode[np.argmax(np.abs(mode))]
         driving = [drive * gap(chain) for drive in motion.drives]
@@ -101,21 +86,25 @@ class InsulatorScene(Scene):
             angles = rest + np.imag(self._swings[number] * turn)
             picture.update(angles, zero_mode(chain, rest) if number == 0 else None)
 
-    def _add_chains(self, chain: Chain, mode: Array, texts: tuple[str, ...]) -> list[ChainPicture]:
+    def _add_chains(
+        self, chain: Chain, mode: Array, texts: tuple[str, ...]
+    ) -> list[drawing.ChainPicture]:
         rest = chain.uniform_state(1)
         pictures = []
         height = 0.135
         for row, text in enumerate(texts):
-            low = TOP - 0.04 - (row + 1) * height - row * 0.04
-            axes = self.figure.add_axes((LEFT, low, WIDTH, height))
+            low = scenes.TOP - 0.04 - (row + 1) * height - row * 0.04
+            axes = self.figure.add_axes((scenes.LEFT, low, scenes.WIDTH, height))
             axes.set_title(f'{row + 1}  {text}', y=0.97)
             moving = None if row else mode
-            pictures.append(ChainPicture(axes, chain, rest, moving, arrow_length=chain.spacing))
+            pictures.append(
+                drawing.ChainPicture(axes, chain, rest, moving, arrow_length=chain.spacing)
+            )
         return pictures
 
     def _add_swings(self, chain: Chain, motion: Insulation) -> None:
-        left, right, *_ = limits(chain)
-        axes = self.figure.add_axes((LEFT, BOTTOM, WIDTH, 0.2))
+        left, right, *_ = drawing.limits(chain)
+        axes = self.figure.add_axes((scenes.LEFT, scenes.BOTTOM, scenes.WIDTH, 0.2))
         positions = chain.pivots
         names = ('1  zero mode', '2  driven in the gap', '3  driven above it')
         for swings, name, colour, marker in zip(
@@ -163,12 +152,12 @@ class Cell:
         return Cell(chain, **section.values_of(Cell, 'chain'))
 
 
-@FILM_KINDS.add('unit_cell')
-class CellScene(Scene):
+@scenes.FILM_KINDS.add('unit_cell')
+class CellScene(scenes.Scene):
     """Scene of a cycle of a unit cell, as a linkage and as a point in configuration space."""
 
     caption = f"""
-    {LINKAGE} The red line is a rigid bar; pale circles are the paths of the masses.
+    {drawing.LINKAGE} The red line is a rigid bar; pale circles are the paths of the masses.
 
     Right: configuration space of the unit cell over both staggered angles, for a constant length
     of the bar. Both angles are periodic, so opposite sides of the square are identical. The
@@ -178,25 +167,25 @@ class CellScene(Scene):
     """
     settings = Cell
 
-    def __init__(self, title: str, motion: Cell, shape: Format) -> None:
+    def __init__(self, title: str, motion: Cell, shape: scenes.Format) -> None:
         chain = motion.chain
         curves = configuration_curves(chain, _SMOOTH)
         arc = float(np.linalg.norm(np.diff(curves[0], axis=0), axis=1).sum())
         rate = motion.kick * chain.spacing / (chain.rotor_length * chain.time_unit)
-        subtitle = f'{description(chain)}, rigid bar, v₀ = {motion.kick:g} a√(kₑ/M)'
+        subtitle = f'{drawing.description(chain)}, rigid bar, v₀ = {motion.kick:g} a√(kₑ/M)'
         super().__init__(title, subtitle, shape, arc / rate, chain.time_unit)
         shares, steps = np.linspace(0, _SMOOTH, shape.frames), np.arange(_SMOOTH + 1)
         self.cell = np.column_stack([np.interp(shares, steps, angles) for angles in curves[0].T])
-        high = TOP - BOTTOM - 0.02
-        left = self.figure.add_axes((0.03, BOTTOM, 0.44, high))
-        right = self.figure.add_axes((0.53, BOTTOM, 0.45, high - 0.02))
-        for number, (x, _) in enumerate(pivot_points(chain), start=1):
+        high = scenes.TOP - scenes.BOTTOM - 0.02
+        left = self.figure.add_axes((0.03, scenes.BOTTOM, 0.44, high))
+        right = self.figure.add_axes((0.53, scenes.BOTTOM, 0.45, high - 0.02))
+        for number, (x, _) in enumerate(drawing.pivot_points(chain), start=1):
             look: Any = {'fill': False, 'edgecolor': PALE, 'linewidth': 1.5}
             left.add_patch(Circle((x, 0), chain.rotor_length, **look))
             below = -chain.rotor_length - 0.06 * chain.spacing
             left.text(x, below, f'rotor {number}', ha='center', va='top', color=DARK)
-        self._picture = ChainPicture(left, chain, staggered(self.cell[0]), rigid=True)
-        draw_torus(right, chain, curves)
+        self._picture = drawing.ChainPicture(left, chain, staggered(self.cell[0]), rigid=True)
+        drawing.draw_torus(right, chain, curves)
         right.set(xlabel='θ₁ = φ₁ [rad]', ylabel='θ₂ = π − φ₂ [rad]')
         self.figure.legend(loc='lower center', bbox_to_anchor=(0.25, 0.05), ncols=2, frameon=False)
         right.set_title('configurations that keep the length of the bar')
@@ -209,5 +198,5 @@ class CellScene(Scene):
     def _move(self, frame: int) -> None:
         angles = self.cell[frame]
         self._picture.update(staggered(angles))
-        self._trail.set_data(*split_at_wraps(self.cell[: frame + 1]).T)
-        self._point.set_data(*split_at_wraps(angles[None]).T)
+        self._trail.set_data(*drawing.split_at_wraps(self.cell[: frame + 1]).T)
+        self._point.set_data(*drawing.split_at_wraps(angles[None]).T)
