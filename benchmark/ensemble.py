@@ -62,19 +62,10 @@ def parameters(chain: Chain) -> Array:
     """Return the parameters of the springs and rotors, shape (P,), see `torque_law`."""
     left, right = chain.rotor_lengths[:-1], chain.rotor_lengths[1:]
     a, inertia = chain.spacings, chain.moments_of_inertia
-    return np.concatenate(
-        [
-            a**2 + left**2 + right**2,
-            2 * a * right,
-            2 * a * left,
-            2 * left * right,
-            chain.rest_lengths,
-            chain.stiffnesses * a * left / inertia[:-1],
-            chain.stiffnesses * left * right / inertia[:-1],
-            chain.stiffnesses * a * right / inertia[1:],
-            chain.stiffnesses * left * right / inertia[1:],
-        ]
-    )
+    lengths = a**2 + left**2 + right**2, 2 * a * right, 2 * a * left, 2 * left * right
+    first, second = chain.stiffnesses / inertia[:-1], chain.stiffnesses / inertia[1:]
+    levers = first * a * left, first * left * right, second * a * right, second * left * right
+    return np.concatenate([*lengths, chain.rest_lengths, *levers])
 
 
 def heyoka_batch(rotors: int) -> Method:
@@ -100,13 +91,9 @@ def heyoka_batch(rotors: int) -> Method:
 
     def integrate(chains: Chains, tolerance: float) -> Array:
         if tolerance not in integrators:
-            integrators[tolerance] = heyoka.taylor_adaptive_batch(
-                system,
-                np.zeros((2 * rotors, size)),
-                tol=tolerance,
-                pars=np.zeros((9 * bonds, size)),
-                compact_mode=rotors > 20,
-            )
+            start, pars = np.zeros((2 * rotors, size)), np.zeros((9 * bonds, size))
+            how = {'tol': tolerance, 'pars': pars, 'compact_mode': rotors > 20}
+            integrators[tolerance] = heyoka.taylor_adaptive_batch(system, start, **how)
         found, batch = [], integrators[tolerance]
         for first in range(0, len(chains), size):
             part = chains[first : first + size]
@@ -139,17 +126,12 @@ def diffrax_vmap(rotors: int) -> Method:
         return jnp.concatenate([w, torques.at[1:].add(tension * (p[8] * cross - p[7] * c[1:]))])
 
     def last(state: Any, given: Any, tolerance: Any) -> Any:
-        solution = diffrax.diffeqsolve(
+        rule, control = (
             diffrax.ODETerm(derivative),
-            diffrax.Dopri8(),
-            0.0,
-            DURATION,
-            None,
-            state,
-            given,
-            stepsize_controller=diffrax.PIDController(rtol=tolerance, atol=tolerance),
-            max_steps=None,
+            diffrax.PIDController(rtol=tolerance, atol=tolerance),
         )
+        problem = rule, diffrax.Dopri8(), 0.0, DURATION, None, state, given
+        solution = diffrax.diffeqsolve(*problem, stepsize_controller=control, max_steps=None)
         return solution.ys[-1, :rotors]
 
     mapped = jax.jit(jax.vmap(last, in_axes=(0, 0, None)))
@@ -200,9 +182,8 @@ def measure(rotors: int, count: int, rounds: int) -> tuple[list[Comparison], lis
     chosen = {}
     for done, (name, method) in enumerate(found.items()):
         progress.show(done, name)
-        chosen[name] = next(
-            each for each in TOLERANCES if np.abs(method(few, each) - reference).max() < TARGET
-        )
+        errors = ((each, np.abs(method(few, each) - reference).max()) for each in TOLERANCES)
+        chosen[name] = next(each for each, error in errors if error < TARGET)
         method(chains, chosen[name])
     times: dict[str, list[float]] = {name: [] for name in found}
     walls = []

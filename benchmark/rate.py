@@ -19,7 +19,6 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import processes
@@ -35,10 +34,13 @@ from soliton_linkage_nodes.messages.cdr import JointStateBuffer
 from soliton_linkage_nodes.runtime import interfaces
 
 Command = Callable[[int, float], list[str | Path]]
+Sizes = Callable[[float], tuple[int, float]]
+"""Function from the searched value to the number of rotors and the rate [Hz]."""
 
 ROTORS, RATE = 40, 1000.0
 POSITION, VELOCITY = 1.5, 0.3
-FEWEST_ROTORS, MOST_ROTORS, MOST_RATE = 3, 20_000, 10_000.0
+MOST_ROTORS = 20_000
+ROTOR_RANGE, RATE_RANGE = (3.0, MOST_ROTORS), (10.0, 10_000.0)
 FINEST_STEP = 1.15
 STEP_DOWN = 0.9
 PACE = 1e-3
@@ -87,13 +89,11 @@ class Bench:
 
     def most_rotors(self, name: str, command: Command) -> list[float]:
         """Return the largest number of rotors in real time; empty if no run is in real time."""
-        return self._largest(
-            name, command, lambda value: (round(value), RATE), FEWEST_ROTORS, MOST_ROTORS
-        )
+        return self._largest(name, command, lambda value: (round(value), RATE), ROTOR_RANGE)
 
     def highest_rate(self, name: str, command: Command) -> list[float]:
         """Return the highest rate in real time [Hz]; empty if no run is in real time."""
-        return self._largest(name, command, lambda value: (ROTORS, round(value)), 10, MOST_RATE)
+        return self._largest(name, command, lambda value: (ROTORS, round(value)), RATE_RANGE)
 
     def run(self, name: str, command: Command, rotors: int, rate: float, seconds: float) -> Run:
         """Run for a number of seconds after the start."""
@@ -107,9 +107,8 @@ class Bench:
             with subprocess.Popen(sleeping, stdout=subprocess.PIPE, text=True) as sleeper:
                 start, before = time.monotonic(), processes.processor_time(process.pid)
                 frames = drain(subscription, seconds, progress)
-                share = (processes.processor_time(process.pid) - before) / (
-                    time.monotonic() - start
-                )
+                spent = processes.processor_time(process.pid) - before
+                share = spent / (time.monotonic() - start)
                 slept = np.array(sleeper.communicate()[0].split(), dtype=np.int64)
         self._node.destroy_subscription(subscription)
         done = run_of(rotors, rate, frames, slept, share)
@@ -123,14 +122,10 @@ class Bench:
         return done
 
     def _largest(
-        self,
-        name: str,
-        command: Command,
-        sizes: Callable[[float], tuple[int, float]],
-        least: float,
-        most: float,
+        self, name: str, command: Command, sizes: Sizes, ends: tuple[float, float]
     ) -> list[float]:
         """Bisect between a value in real time and one not in real time; confirm by long runs."""
+        least, most = ends
 
         def run(value: float, seconds: float) -> Run:
             return self.run(name, command, *sizes(value), seconds)
@@ -179,7 +174,7 @@ def main() -> None:
         'runs': {side: [asdict(run) for run in runs] for side, runs in bench.runs.items()},
         'integrator': arguments.integrator,
     }
-    comparisons = [*largest(found), *compared(kept)] if not quick else compared(kept)
+    comparisons = [*searched(found), *compared(kept)] if not quick else compared(kept)
     write(Part('rate', comparisons, figures_of(kept), details), arguments.output)
 
 
@@ -226,18 +221,11 @@ def run_of(rotors: int, rate: float, frames: Array, slept: Array, share: float) 
         return Run(rotors, rate, 0.0, len(frames), 0, 0, (math.inf,) * 3, share)
     numbers, instants = frames.T
     deviations = np.diff(instants) * 1e-9 - np.diff(numbers) / rate
-    jitter = np.percentile(np.abs(deviations), (50, 99, 100))
+    median, most, largest = np.percentile(np.abs(deviations), (50, 99, 100)).tolist()
     lasted = (instants[-1] - instants[0]) * 1e-9
-    return Run(
-        rotors,
-        rate,
-        float((numbers[-1] - numbers[0]) / rate / lasted),
-        len(frames),
-        missed(deviations, rate),
-        missed(np.diff(slept) * 1e-9 - 1 / rate, rate),
-        (float(jitter[0]), float(jitter[1]), float(jitter[2])),
-        share,
-    )
+    factor = float((numbers[-1] - numbers[0]) / rate / lasted)
+    failures = missed(deviations, rate), missed(np.diff(slept) * 1e-9 - 1 / rate, rate)
+    return Run(rotors, rate, factor, len(frames), *failures, (median, most, largest), share)
 
 
 def missed(deviations: Array, rate: float) -> int:
@@ -245,7 +233,7 @@ def missed(deviations: Array, rate: float) -> int:
     return int(np.count_nonzero(deviations > 1 / rate))
 
 
-def largest(found: dict[str, dict[str, list[float]]]) -> list[Comparison]:
+def searched(found: dict[str, dict[str, list[float]]]) -> list[Comparison]:
     works = {'rotors': f'most rotors at {RATE:g} Hz', 'rate': f'highest rate of {ROTORS} rotors'}
     units = {'rotors': 'rotors', 'rate': 'Hz'}
     return [
@@ -264,28 +252,22 @@ def compared(kept: dict[str, list[Run]]) -> list[Comparison]:
         ('largest jitter', 's', lambda run: run.jitter[2], False),
         ('processor load [cores]', '', lambda run: run.share_of_a_core, False),
     )
-    return [
-        Comparison(
-            'rclpy timer',
-            f'{what}, {work}',
-            unit,
-            *([quantity(run) for run in kept[side]] for side in ('theirs', 'ours')),
-            more,
-        )
-        for what, unit, quantity, more in quantities
-    ]
+    comparisons = []
+    for what, unit, quantity, more in quantities:
+        sides = ([quantity(run) for run in kept[side]] for side in ('theirs', 'ours'))
+        comparisons.append(Comparison('rclpy timer', f'{what}, {work}', unit, *sides, more))
+    return comparisons
 
 
 def figures_of(kept: dict[str, list[Run]]) -> list[Figure]:
-    work = f'{ROTORS} rotors at {RATE:g} Hz'
-
-    def of(quantity: Callable[[Run], Any]) -> list[float]:
-        return [quantity(run) for run in kept['ours']]
-
+    work, runs = f'{ROTORS} rotors at {RATE:g} Hz', kept['ours']
+    slept = [run.missed_by_sleeping for run in runs]
     return [
-        Figure(f'missed deadlines, {work}', '', of(lambda run: run.missed), 'as a sleeping loop'),
-        Figure(f'missed by a sleeping loop, {work}', '', of(lambda run: run.missed_by_sleeping)),
-        Figure(f'frames, {work}', '', of(lambda run: run.frames)),
+        Figure(
+            f'missed deadlines, {work}', '', [run.missed for run in runs], 'as a sleeping loop'
+        ),
+        Figure(f'missed by a sleeping loop, {work}', '', slept),
+        Figure(f'frames, {work}', '', [run.frames for run in runs]),
     ]
 
 

@@ -15,9 +15,8 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import processes
@@ -70,12 +69,12 @@ class Burst:
         return self.sent > REACHED * self.asked * self.sending
 
 
-@dataclass
+@dataclass(frozen=True)
 class Trial:
     """Result of one recorder."""
 
-    bursts: list[Burst] = field(default_factory=list)
-    stored: Counter[int] = field(default_factory=Counter)
+    bursts: list[Burst]
+    stored: Counter[int]
     """Number of recorded messages by the number of the burst."""
 
     def lost(self, number: int) -> int:
@@ -134,7 +133,10 @@ def recording(folder: Path, sizes: Sequence[int], rounds: int, quick: bool) -> P
         bytes_taken = [size * rate for rate in rates_taken(ours)]
         figures.append(Figure(f'recorded without loss, {work}', 'MB/s', bytes_taken))
         for kind, side in by_kind.items():
-            details[f'{work}, {kind}'] = [as_json(each) for each in side]
+            details[f'{work}, {kind}'] = [
+                [{**vars(one), 'lost': each.lost(n)} for n, one in enumerate(each.bursts)]
+                for each in side
+            ]
     return Part('record', comparisons, figures, details)
 
 
@@ -147,7 +149,7 @@ def rates_taken(trials: Sequence[Trial]) -> list[float]:
 def trial(kind: str, rotors: int, folder: Path, quick: bool) -> Trial:
     """Record bursts of increasing rate with a recorder, until a rate cannot be published."""
     seconds, factor = (0.5, 4.0) if quick else (1.0, 2**0.5)
-    done = Trial()
+    bursts: list[Burst] = []
     with tempfile.TemporaryDirectory(dir=folder) as name:
         path = Path(name, 'run.mcap')
         command = processes.program_command(Path(__file__).with_name('record_peer.py'), kind, path)
@@ -156,13 +158,12 @@ def trial(kind: str, rotors: int, folder: Path, quick: bool) -> Trial:
             command = processes.node_command('bag_recorder', {'output': Path(name, 'run')})
         with processes.own_domain(), processes.running(command) as recorder:
             send = Sender(rotors)
-            done.bursts.append(send.burst(0, float(RATE), 2 * seconds, recorder.pid))
+            bursts.append(send.burst(0, float(RATE), 2 * seconds, recorder.pid))
             rate = 2.0 * RATE
-            while rate <= FASTEST and done.bursts[-1].was_sent:
-                done.bursts.append(send.burst(len(done.bursts), rate, seconds, recorder.pid))
+            while rate <= FASTEST and bursts[-1].was_sent:
+                bursts.append(send.burst(len(bursts), rate, seconds, recorder.pid))
                 rate *= factor
-        done.stored.update(stamped_bursts(path))
-    return done
+        return Trial(bursts, Counter(stamped_bursts(path)))
 
 
 class Sender:
@@ -210,11 +211,6 @@ def stamped_bursts(path: Path) -> Iterator[int]:
             yield STAMP.unpack_from(data)[0]
 
 
-def as_json(done: Trial) -> list[dict[str, Any]]:
-    """Return a trial for the JSON file."""
-    return [{**vars(burst), 'lost': done.lost(number)} for number, burst in enumerate(done.bursts)]
-
-
 def reading(folder: Path, sizes: Sequence[int], rounds: int, quick: bool) -> Part:
     """Compare reading and analysing a bag, in frames per second of processor time."""
     comparisons, details = [], {}
@@ -246,25 +242,19 @@ def reading(folder: Path, sizes: Sequence[int], rounds: int, quick: bool) -> Par
 
 def read_by_any_reader(bag: Path) -> int:
     """Deserialise every frame of a bag with rosbags; return the number of frames."""
-    frames = 0
     with AnyReader([bag]) as reader:
         connections = [c for c in reader.connections if c.topic == '/joint_states']
-        for connection, _, data in reader.messages(connections):
-            reader.deserialize(data, connection.msgtype)
-            frames += 1
-    return frames
+        messages = reader.messages(connections)
+        return sum(bool(reader.deserialize(data, c.msgtype)) for c, _, data in messages)
 
 
 def read_by_ours(bag: Path) -> int:
     """Decode every frame of a bag with the suite; return the number of frames."""
-    frames = 0
     decoder = JointStateDecoder()
     with open_bag(bag) as reader:
         joints = find_topic(reader, 'joint_states')
-        for _, _, data in read_messages(reader, [joints]):
-            decoder.decode(data)
-            frames += 1
-    return frames
+        messages = read_messages(reader, [joints])
+        return sum(decoder.decode(data) is not None for _, _, data in messages)
 
 
 def analyse(bag: Path) -> int:

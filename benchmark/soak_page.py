@@ -30,15 +30,8 @@ MOST_DRIFT = 1e-3
 MOST_NAMED = 3
 KILL_DAMAGE = ('it was not finished', 'the file ends within the chunk')
 OUTCOMES = (
-    'reached',
-    'cancelled',
-    'preempted',
-    'out of chain',
-    'out of reach',
-    'no soliton',
-    'soliton lost',
-    'not held',
-    'invalid speed',
+    *('reached', 'cancelled', 'preempted', 'out of chain', 'out of reach', 'no soliton'),
+    *('soliton lost', 'not held', 'invalid speed'),
 )
 HEAD = '<!doctype html><meta charset="utf-8"><title>Soak test</title>'
 STYLE = (
@@ -90,12 +83,21 @@ def slope(lives: Sequence[tuple[Array, Array]]) -> Slope:
 def slope_of(ledger: Ledger, node: str, what: str) -> Slope:
     """Return the slope of a resource of a node, without the first minutes of each process."""
     begun = {entry['life']: entry['time'] for entry in ledger.of('start')}
+    pairs = []
+    for life, (times, values) in lives_of(ledger, node, what).items():
+        warm = times > begun[life] + WARMING
+        if warm.sum() >= FEWEST:
+            pairs.append((times[warm], values[warm]))
+    return slope(pairs)
+
+
+def lives_of(ledger: Ledger, node: str, what: str) -> dict[int, tuple[Array, Array]]:
+    """Return times [s] and values of a resource of a node, for each process."""
     lives: dict[int, list[tuple[float, float]]] = {}
     for entry in ledger.of('sample'):
-        if entry['node'] == node and entry['time'] > begun[entry['life']] + WARMING:
+        if entry['node'] == node:
             lives.setdefault(entry['life'], []).append((entry['time'], entry[what]))
-    pairs = [np.array(life).T for life in lives.values() if len(life) >= FEWEST]
-    return slope([(pair[0], pair[1]) for pair in pairs])
+    return {life: tuple(np.array(found).T) for life, found in lives.items()}
 
 
 def nodes_of(ledger: Ledger) -> list[str]:
@@ -106,7 +108,7 @@ def nodes_of(ledger: Ledger) -> list[str]:
 def verdicts(ledger: Ledger) -> list[tuple[str, bool]]:
     """Return each result as a sentence, and whether the result is as expected."""
     kills, bags = ledger.of('kill'), ledger.of('bag')
-    died = ledger.of('died')
+    died, length = ledger.of('died'), ledger.entries[-1]['time'] if ledger.entries else 0.0
     drift = max((abs(e.get('energy drift', 0.0)) for e in ledger.of('report')), default=0.0)
     frames = sum(bag['messages'].get('/joint_states', 0) for bag in bags)
     tails = [tail_of(bag, kills) for bag in bags if bag['killed']]
@@ -119,25 +121,20 @@ def verdicts(ledger: Ledger) -> list[tuple[str, bool]]:
     ]
     lost = sum(bag['lost'] for bag in bags)
     sent, recorded, excused = nudges_of(ledger)
+    tail, shown = max(tails, default=0), '; '.join(damage[:MOST_NAMED])
+    unrecorded = f'{excused} while no recorder was running'
     named = '; '.join(f'{e["node"]} at {e["time"]:.0f} s' for e in died[:MOST_NAMED])
     results = [
-        (f'{ledger_length(ledger) / 60:.1f} minutes, {len(kills)} kills', True),
+        (f'{length / 60:.1f} minutes, {len(kills)} kills', True),
         (f'{len(died)} nodes ended unexpectedly {named}'.rstrip(), not died),
         (f'{frames} frames recorded, {len(gaps)} gaps that no kill explains', not gaps),
         (f'{lost} lost messages reported by recorders', not lost),
+        (f'killed recorders lost at most {tail:.3f} s, {len(tails)} kills', tail < MOST_LOST),
         (
-            f'killed recorders lost at most {max(tails, default=0):.3f} s, {len(tails)} kills',
-            max(tails, default=0) < MOST_LOST,
-        ),
-        (
-            f'{len(damage)} damaged parts of bags that no kill explains '
-            f'{"; ".join(damage[:MOST_NAMED])}'.rstrip(),
+            f'{len(damage)} damaged parts of bags that no kill explains {shown}'.rstrip(),
             not damage,
         ),
-        (
-            f'{recorded} of {sent} nudges recorded, {excused} while no recorder was running',
-            recorded >= sent - excused,
-        ),
+        (f'{recorded} of {sent} nudges recorded, {unrecorded}', recorded >= sent - excused),
         (f'energy drift {drift:.2g} at most', drift < MOST_DRIFT),
         (moves_of(ledger), True),
     ]
@@ -148,11 +145,6 @@ def verdicts(ledger: Ledger) -> list[tuple[str, bool]]:
             good = grown.is_flat or grown.value < flat
             results.append((f'{what} of {node}: {growth}', good))
     return results
-
-
-def ledger_length(ledger: Ledger) -> float:
-    """Return the time of the last entry [s]."""
-    return float(ledger.entries[-1]['time']) if ledger.entries else 0.0
 
 
 def tail_of(bag: Entry, kills: Sequence[Entry]) -> float:
@@ -216,14 +208,10 @@ def drawn(ledger: Ledger) -> Figure:
     colours = [*COLOURS, ORANGE, SKY]
     for ax, what in zip(axes, FLAT, strict=False):
         for number, node in enumerate(nodes_of(ledger)):
-            lives: dict[int, list[tuple[float, float]]] = {}
-            for entry in ledger.of('sample'):
-                if entry['node'] == node:
-                    lives.setdefault(entry['life'], []).append((entry['time'], entry[what]))
-            for life in lives.values():
-                times, values = np.array(life).T
-                ax.plot(times / 60, values, color=colours[number % len(colours)], lw=1)
-            ax.plot([], [], color=colours[number % len(colours)], label=node)
+            colour = colours[number % len(colours)]
+            for times, values in lives_of(ledger, node, what).values():
+                ax.plot(times / 60, values, color=colour, lw=1)
+            ax.plot([], [], color=colour, label=node)
         ax.set_ylabel('memory [MB]' if what == 'memory' else f'{what} [1]')
     axes[0].legend(ncols=4, loc='lower left', fontsize='small')
     _draw_two(axes[3], ledger, 'real-time factor', 'missed deadlines')

@@ -88,19 +88,15 @@ class Section:
         self, key: str, minimum: float, maximum: float, default: float | None = None
     ) -> float:
         """Return a finite number in a closed range, or the default if the key is absent."""
-        if default is not None and key not in self.values:
-            return default
         wanted = f'a number in the range {minimum:g} to {maximum:g}'
-        return self._checked(key, self._value(key, wanted), minimum, maximum, wanted)
+        return self._checked(key, self._value(key, wanted, default), minimum, maximum, wanted)
 
     def whole_number(
         self, key: str, minimum: int, maximum: int, default: int | None = None
     ) -> int:
         """Return a whole number in a closed range, or the default if the key is absent."""
-        if default is not None and key not in self.values:
-            return default
         wanted = f'a whole number in the range {minimum} to {maximum}'
-        value = self._value(key, wanted)
+        value = self._value(key, wanted, default)
         number = self._checked(key, value, minimum, maximum, wanted)
         if not isinstance(value, int):
             raise self.error(key, f'must be {wanted}; omit the decimal point')
@@ -116,18 +112,16 @@ class Section:
 
     def text(self, key: str, choices: tuple[str, ...] = (), default: str | None = None) -> str:
         """Return a text, one of `choices` if any, or the default if the key is absent."""
-        if default is not None and key not in self.values:
-            return default
         wanted = f'one of {", ".join(choices)}' if choices else 'a text'
-        value = self._value(key, wanted)
+        value = self._value(key, wanted, default)
         if not isinstance(value, str) or (choices and value not in choices):
             raise self.error(key, f'must be {wanted}')
         return value
 
-    def _value(self, key: str, wanted: str) -> object:
-        if key not in self.values:
+    def _value(self, key: str, wanted: str, default: object = None) -> object:
+        if key not in self.values and default is None:
             raise self.error(key, f'is missing; give {wanted}')
-        return self.values[key]
+        return self.values.get(key, default)
 
     def _checked(
         self, key: str, value: object, minimum: float, maximum: float, wanted: str
