@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.random import Generator
 
 from soliton_linkage.linear.bands import speed_of_sound
 from soliton_linkage.linkage.chain import Chain, Motion
@@ -113,7 +114,7 @@ def random_cells(seed: int, count: int) -> list[AccuracyCell]:
     return [_drawn(number, np.random.default_rng([seed, number])) for number in range(count)]
 
 
-def _drawn(number: int, random: np.random.Generator) -> AccuracyCell:
+def _drawn(number: int, random: Generator) -> AccuracyCell:
     motion = _MOTIONS[number % len(_MOTIONS)]
     walls = int(random.choice((1, 1, 1, 2, 4)))
     chain = _chain(motion, walls, random)
@@ -130,7 +131,7 @@ def _drawn(number: int, random: np.random.Generator) -> AccuracyCell:
     )
 
 
-def _chain(motion: Motion, walls: int, random: np.random.Generator) -> Chain:
+def _chain(motion: Motion, walls: int, random: Generator) -> Chain:
     while True:
         rotors = round(_between(10, 200, random))
         rest_angle = float(random.uniform(0.3, 1.3))
@@ -152,7 +153,7 @@ def chain_of(rotors: int, rest_angle: float, lean_ratio: float) -> Chain:
     return Chain(rotors, Chain.spacing, length, rest_angle)
 
 
-def _between(low: float, high: float, random: np.random.Generator) -> float:
+def _between(low: float, high: float, random: Generator) -> float:
     """Return a random number whose logarithm is uniform."""
     return float(np.exp(random.uniform(*np.log((low, high)))))
 

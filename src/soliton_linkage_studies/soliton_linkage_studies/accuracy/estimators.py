@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+from numpy.random import Generator
 from scipy.special import stdtrit
 
 from soliton_linkage.estimation.relocalisation import NearestPoint, fit_anywhere, fit_near
@@ -84,9 +85,7 @@ def estimators_of(chain: Chain) -> dict[str, Estimator]:
     return {name: each for name, each in ESTIMATORS.items() if name not in omitted}
 
 
-def errors(
-    chain: Chain, trial: EstimatorTrial, generator: np.random.Generator
-) -> dict[str, Array]:
+def errors(chain: Chain, trial: EstimatorTrial, generator: Generator) -> dict[str, Array]:
     """Return error and margin [rotor spacings] of each estimator in each frame that tests it.
 
     Each array has shape (frames, 2). A margin is half the width of the stated 95 % interval. The

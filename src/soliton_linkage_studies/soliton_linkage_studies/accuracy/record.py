@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.random import Generator
 
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
@@ -101,7 +102,7 @@ class RecordStudy:
                 found.append((error, estimate.rate / rate - 1, *stated))
         return np.array(found).T
 
-    def _begin(self, orbit: UniformOrbit, generator: np.random.Generator) -> float:
+    def _begin(self, orbit: UniformOrbit, generator: Generator) -> float:
         last = orbit.chain.number_of_rotors - 1.0
         room = max(last - self.speed * self.frames / self.frame_rate, 0.0)
         clear = min(_CLEAR, room / 2)

@@ -11,6 +11,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
 
 from soliton_linkage import estimation
 from soliton_linkage.estimation.analyser import Analyser
@@ -54,7 +56,7 @@ _NEAR = 3.0
 otherwise it is at a random rotor."""
 
 
-def records(cell: AccuracyCell, frames: int, random: np.random.Generator) -> Iterator[Scores]:
+def records(cell: AccuracyCell, frames: int, random: Generator) -> Iterator[Scores]:
     """Simulate and analyse records with `frames` frames in total; yield the scores of each."""
     run = min(cell.run, frames)
     left, template = frames, Analyser(cell.analysed_chain)
@@ -73,11 +75,7 @@ def records(cell: AccuracyCell, frames: int, random: np.random.Generator) -> Ite
 
 
 def record(
-    cell: AccuracyCell,
-    template: Analyser,
-    scene: WallScene,
-    frames: range,
-    random: np.random.Generator,
+    cell: AccuracyCell, template: Analyser, scene: WallScene, frames: range, random: Generator
 ) -> Scores:
     """Return the scores of a copy of `template`, an analyser that has not seen any frame yet."""
     analyser, scores = deepcopy(template), Scores()
@@ -116,9 +114,7 @@ def record(
     return scores
 
 
-def _rotors_with_encoder(
-    cell: AccuracyCell, random: np.random.Generator
-) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+def _rotors_with_encoder(cell: AccuracyCell, random: Generator) -> NDArray[np.bool_]:
     rotors = cell.chain.number_of_rotors
     readable = np.ones(rotors, dtype=bool)
     if cell.unseen == 'edges':
@@ -130,7 +126,7 @@ def _rotors_with_encoder(
     return readable
 
 
-def _wrong_rotor(position: float, rotors: int, random: np.random.Generator) -> int:
+def _wrong_rotor(position: float, rotors: int, random: Generator) -> int:
     if random.integers(2):
         return int(random.integers(rotors))
     return min(max(round(position + random.uniform(-_NEAR, _NEAR)), 0), rotors - 1)

@@ -15,11 +15,13 @@ across an impulse.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import pairwise
 
 import numpy as np
+from numpy.random import Generator
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 from scipy.signal import savgol_coeffs
@@ -108,7 +110,7 @@ class WallScene:
     """Angular impulses of all rotors [N m s], shape (N,), for each element of `impulse_frames`."""
 
 
-def scene_of(cell: AccuracyCell, frames: int, random: np.random.Generator) -> WallScene:
+def scene_of(cell: AccuracyCell, frames: int, random: Generator) -> WallScene:
     """Simulate `frames` frames, or fewer if walls meet; impulses act only on a single wall."""
     chain = cell.chain
     if cell.noise_only:
@@ -147,7 +149,7 @@ def frames_beside(speed: float, cell: AccuracyCell, barrier_speed: float = 0.0) 
 def averages_and_slopes(
     values: Array,
     beside: int,
-    breaks: list[int] | None = None,
+    breaks: Sequence[int] = (),
     cubic: bool = False,
     forced: bool = False,
 ) -> tuple[Array, Array]:
@@ -163,7 +165,7 @@ def averages_and_slopes(
     the value itself, and the slope by half the difference of both neighbours.
     """
     means, slopes = np.empty_like(values), np.empty_like(values)
-    for begin, end in pairwise([0, *(breaks or []), len(values)]):
+    for begin, end in pairwise([0, *breaks, len(values)]):
         if end > begin:
             piece = values[begin:end]
             about = min(beside, len(piece) - 1)
@@ -211,7 +213,7 @@ class _Start:
     """Speed of the wall [rotor spacings / s]."""
 
 
-def _single_wall(cell: AccuracyCell, frames: int, random: np.random.Generator) -> WallScene:
+def _single_wall(cell: AccuracyCell, frames: int, random: Generator) -> WallScene:
     start = _started(cell, random)
     springs, orbit = start.springs, start.orbit
     chain, last = cell.chain, cell.chain.number_of_rotors - 1
@@ -269,7 +271,7 @@ def _single_wall(cell: AccuracyCell, frames: int, random: np.random.Generator) -
     )
 
 
-def _started(cell: AccuracyCell, random: np.random.Generator) -> _Start:
+def _started(cell: AccuracyCell, random: Generator) -> _Start:
     chain, period = cell.chain, cell.period * cell.chain.time_unit
     orbit = _orbit(cell, random)
     last = chain.number_of_rotors - 1
@@ -295,7 +297,7 @@ def _started(cell: AccuracyCell, random: np.random.Generator) -> _Start:
     return _Start(springs_of(chain, angles, rates, period), orbit, arc, wall.speed)
 
 
-def _nudged(cell: AccuracyCell, orbit: Orbit, random: np.random.Generator) -> _Start:
+def _nudged(cell: AccuracyCell, orbit: Orbit, random: Generator) -> _Start:
     chain = cell.chain
     left = chain.uniform_state(1) + math.pi
     angles = left if chain.motion is Motion.SPINNER else chain.uniform_state(-1)
@@ -312,9 +314,7 @@ def _nudged(cell: AccuracyCell, orbit: Orbit, random: np.random.Generator) -> _S
     return _Start(springs, orbit, arcs[1], speed)
 
 
-def _apply_impulse(
-    start: _Start, arc: float, largest: float, random: np.random.Generator
-) -> Array:
+def _apply_impulse(start: _Start, arc: float, largest: float, random: Generator) -> Array:
     orbit = start.orbit
     near = np.abs(np.arange(orbit.chain.number_of_rotors) - orbit.site(arc)) < _IMPULSE_REACH
     change = start.speed * random.uniform(-largest, largest)
@@ -323,7 +323,7 @@ def _apply_impulse(
     return np.asarray(orbit.chain.moments_of_inertia * rates)
 
 
-def _orbit(cell: AccuracyCell, random: np.random.Generator) -> Orbit:
+def _orbit(cell: AccuracyCell, random: Generator) -> Orbit:
     if not cell.disorder:
         return _uniform_orbit(cell.chain)
     for _ in range(_CHAINS):
@@ -343,7 +343,7 @@ def _orbit(cell: AccuracyCell, random: np.random.Generator) -> Orbit:
 _uniform_orbit = cache(orbit_of)
 
 
-def _several_walls(cell: AccuracyCell, frames: int, random: np.random.Generator) -> WallScene:
+def _several_walls(cell: AccuracyCell, frames: int, random: Generator) -> WallScene:
     for draw in range(_DRAWS):
         begins = 1 if random.integers(2) else -1
         charges = tuple(begins * (-1) ** number for number in range(cell.walls))
@@ -368,7 +368,7 @@ class _MovingWalls:
 
 
 def _placed(
-    cell: AccuracyCell, charges: tuple[int, ...], slower: float, random: np.random.Generator
+    cell: AccuracyCell, charges: tuple[int, ...], slower: float, random: Generator
 ) -> _MovingWalls:
     chain, near = cell.chain, reach(cell.chain)
     rotors = chain.number_of_rotors

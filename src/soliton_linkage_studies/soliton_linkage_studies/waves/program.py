@@ -284,7 +284,11 @@ class WaveStudy:
         }
 
 
-def page(study: WaveStudy, runs: Mapping[tuple[Any, ...], WaveRun]) -> FigureReport:
+Runs = Mapping[tuple[Any, ...], WaveRun]
+"""Runs by the key of their task."""
+
+
+def page(study: WaveStudy, runs: Runs) -> FigureReport:
     """Return the page with its data and the comparisons for the table."""
     report = new_report(_CAPTION, 11.0, 10.5)
     panels = report.figure.subplot_mosaic('ab;cd;ef')
@@ -355,9 +359,7 @@ def _draw_packet(report: FigureReport, axes: Axes, study: WaveStudy, run: WaveRu
     report.add_points('a', 'kink', (_TIME, 'zero of u [rotor spacings]'), times, run.sites)
 
 
-def _draw_created(
-    report: FigureReport, axes: Axes, study: WaveStudy, runs: Mapping[tuple[Any, ...], WaveRun]
-) -> None:
+def _draw_created(report: FigureReport, axes: Axes, study: WaveStudy, runs: Runs) -> None:
     frequencies, amplitudes = study.created_frequencies, study.created_amplitudes
     counts = np.array([[runs['d', a, f].walls for f in frequencies] for a in amplitudes])
     image = axes.pcolormesh(frequencies, amplitudes, counts, cmap='Blues', shading='nearest')
@@ -377,7 +379,7 @@ def _draw_created(
 
 
 def _draw_spectra(
-    report: FigureReport, panels: Mapping[str, Axes], chain: Chain, sites: np.ndarray[Any, Any]
+    report: FigureReport, panels: Mapping[str, Axes], chain: Chain, sites: Array
 ) -> None:
     found: list[Spectrum] = [spectrum(chain, float(site)) for site in sites]
     axes = panels['e']
