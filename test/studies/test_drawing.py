@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from chains import EPS, EXAMPLES, any_angles, any_chain, any_configuration, chain_of
+from chains import EPS, EXAMPLES, SPINNER, any_angles, any_chain, any_configuration, chain_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from linkage_motion import wall_between
@@ -16,12 +16,16 @@ from soliton_linkage.linear.rigidity import zero_mode
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage_studies.drawing import (
     ChainPicture,
+    class_and_shape,
+    description,
     draw_torus,
     expand_limits,
     limits,
     mass_points,
     mode_arrows,
+    parameters,
     projection_quiver,
+    shape,
     split_at_wraps,
 )
 from soliton_linkage_studies.unit_cell import configuration_curves
@@ -222,3 +226,12 @@ def test_the_ground_states_on_the_torus_lean_as_labelled_and_lie_on_the_curves(e
     spacing = max(np.hypot(*np.diff(curve, axis=0).T).max() for curve in curves)
     for state in np.concatenate(list(marked.values())):
         assert np.nanmin(np.hypot(*(points - state).T)) < spacing
+
+
+def test_a_caption_names_class_and_parameters():
+    chain = chain_of(SPINNER, 20)
+    assert class_and_shape(chain) == 'spinner (2, 1.18)'
+    assert parameters(chain) == 'r/a = 2, θ̄ = 1.18'
+    assert shape(chain) == 'r/a = 2, θ̄ = 1.18, d = 3.70'
+    said = 'spinner: r/a = 2, rest angle 1.18 rad, d = 3.70, 20 rotors'
+    assert description(chain) == said

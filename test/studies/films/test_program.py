@@ -354,7 +354,8 @@ def test_a_failed_film_stops_all_films_and_leaves_no_files(tmp_path, capsys):
 
 
 def test_an_interrupted_run_leaves_no_partial_files(tmp_path):
-    command = [sys.executable, '-m', 'soliton_linkage_studies.films.program', str(CONFIG)]
+    program = 'from soliton_linkage_studies.films.program import main; raise SystemExit(main())'
+    command = [sys.executable, '-c', program, str(CONFIG)]
     process = subprocess.Popen(
         [*command, '--only', 'S6', '--workers', '1', '--output', str(tmp_path)],
         stderr=subprocess.PIPE,

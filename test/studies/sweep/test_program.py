@@ -16,6 +16,7 @@ from matplotlib.image import imread
 from soliton_linkage_studies.sweep.program import main
 
 LONGEST_WAIT = 300.0
+PROGRAM = 'from soliton_linkage_studies.sweep.program import main; raise SystemExit(main())'
 SMALL = """
 measure: motion
 chain: {number_of_rotors: 12}
@@ -50,7 +51,7 @@ def written(path: Path, content: str) -> Path:
 def started(*arguments: object) -> subprocess.Popen[str]:
     """Start the command in a separate process group."""
     return subprocess.Popen(
-        [sys.executable, '-m', 'soliton_linkage_studies.sweep.program', *map(str, arguments)],
+        [sys.executable, '-c', PROGRAM, *map(str, arguments)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

@@ -9,7 +9,7 @@ from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.solitons.passage import blocked_bonds
 from soliton_linkage.vision.angle_camera import AngleCamera
 from soliton_linkage.vision.layout import MarkerLayout, MarkerSettings
-from soliton_linkage_studies.camera import filmed_bench, runs
+from soliton_linkage_studies.camera import runs
 from soliton_linkage_studies.camera.runs import BenchParameters, FilmedBench
 
 PLAN = Chain(6, 0.1, 0.05, 0.97)
@@ -26,8 +26,7 @@ def test_the_chain_differs_from_its_plan_and_walls_pass():
 
 def test_a_camera_with_only_the_plan_measures_the_true_angles(monkeypatch):
     pytest.importorskip('cv2', reason='needs OpenCV: pip install opencv-python-headless')
-    for module in (runs, filmed_bench):
-        monkeypatch.setattr(module, 'CAMERA', CAMERA)
+    monkeypatch.setattr(runs, 'CAMERA', CAMERA)
     film = BENCH.film()
     eye = AngleCamera(MarkerLayout(PLAN), CAMERA)
     shots = [next(film) for _ in range(3)]
