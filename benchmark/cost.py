@@ -27,14 +27,8 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 
 FOLDER = Path(__file__).parent
 NODES = (
-    'listener',
-    'soliton_analyser',
-    'soliton_steering',
-    'edge_actuator',
-    'chain_identifier',
-    'visualisation',
-    'live_view',
-    'bag_recorder',
+    *('listener', 'soliton_analyser', 'soliton_steering', 'edge_actuator', 'chain_identifier'),
+    *('visualisation', 'live_view', 'bag_recorder'),
 )
 
 

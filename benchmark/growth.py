@@ -8,7 +8,6 @@ Times are processor times of the working thread. The exponent p of time ~ N^p is
 from __future__ import annotations
 
 import math
-import re
 import statistics
 import subprocess
 import sys
@@ -53,7 +52,12 @@ def main() -> None:
     sizes = sorted(arguments.rotors)
     arguments.output.parent.mkdir(parents=True, exist_ok=True)
     times = measured(sizes, arguments.rounds, QUICK_ROUND if arguments.quick else ROUND)
-    figures = [*figures_of(times), *exponents(times)]
+    figures = [
+        Figure(f'{name}, N = {size}', 's', rounds)
+        for name, by_size in times.items()
+        for size, rounds in by_size.items()
+    ]
+    figures += exponents(times)
     if arguments.memory:
         figures += memory(sizes[-1], arguments.frames, arguments.output.parent)
     draw(times, arguments.output.with_name('benchmark_growth.png'))
@@ -91,22 +95,13 @@ def exponents(times: Times) -> list[Figure]:
     """Return the growth exponent of each task, one number per round."""
     figures = []
     for name, by_size in times.items():
-        sizes = [size for size in by_size if size >= FITTED_FROM] or list(by_size)
+        sizes = [size for size in by_size if size >= FITTED_FROM]
         sizes = sizes if len(sizes) > 1 else sorted(by_size)[-2:]
         rounds = zip(*(by_size[size] for size in sizes), strict=True)
         fitted = [float(np.polyfit(np.log(sizes), np.log(each), 1)[0]) for each in rounds]
         what = f'{name}: exponent, {min(sizes)} to {max(sizes)}'
         figures.append(Figure(what, '', fitted, '1 or less'))
     return figures
-
-
-def figures_of(times: Times) -> list[Figure]:
-    """Return the time of each task at each size."""
-    return [
-        Figure(f'{name}, N = {size}', 's', rounds)
-        for name, by_size in times.items()
-        for size, rounds in by_size.items()
-    ]
 
 
 def memory(rotors: int, frames: Sequence[int], folder: Path) -> list[Figure]:
@@ -144,12 +139,8 @@ def simulator_memory(rotors: int) -> float:
         taken += len(take_all(subscription))
         return taken >= FRAMES
 
-    settings = {
-        'chain.number_of_rotors': rotors,
-        'initial_state': 'soliton',
-        'initial_position': rotors / 2,
-        'initial_velocity': SPEED,
-    }
+    start = {'initial_state': 'soliton', 'initial_position': rotors / 2}
+    settings = {'chain.number_of_rotors': rotors, 'initial_velocity': SPEED, **start}
     with running(node_command('simulator', settings)) as simulator:
         until(received, f'{FRAMES} frames', simulator)
         status = Path(f'/proc/{simulator.pid}/status').read_text(encoding='ascii')
@@ -168,10 +159,7 @@ def analyser_memory(rotors: int, frames: int, folder: Path) -> float:
 
 def largest_resident(status: str) -> float:
     """Return the peak memory in the status text of a process [B]."""
-    found = re.search(r'VmHWM:\s+(\d+) kB', status)
-    if found is None:
-        raise ValueError(f'no VmHWM in {status[:100]!r}')
-    return 1024.0 * int(found[1])
+    return 1024.0 * int(status.partition('VmHWM:')[2].split()[0])
 
 
 def draw(times: Times, path: Path) -> None:

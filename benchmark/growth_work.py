@@ -43,24 +43,23 @@ class Work:
     prepare: Callable[[], object] = lambda: None
 
 
-def wall_state(rotors: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return angles and rates of a chain with a moving wall, without noise."""
-    return NoisyWall(rotors, 0.0).frame(FIRST_FRAMES)
+def moving(rotors: int) -> tuple[EquationOfMotion, np.ndarray]:
+    """Return the equation of motion and the state of a chain with a moving wall."""
+    motion = EquationOfMotion(Chain(number_of_rotors=rotors))
+    return motion, motion.state(*NoisyWall(rotors, 0.0).frame(FIRST_FRAMES))
 
 
 @contextmanager
 def right_hand_side(rotors: int) -> Iterator[Work]:
     """Yield one evaluation of the equation of motion."""
-    motion = EquationOfMotion(Chain(number_of_rotors=rotors))
-    state = motion.state(*wall_state(rotors))
+    motion, state = moving(rotors)
     yield Work(lambda: len(motion(0.0, state)) // len(state))
 
 
 @contextmanager
 def compiled_force(rotors: int) -> Iterator[Work]:
     """Yield steps of the compiled integrator, with the force evaluation as the unit of work."""
-    motion = EquationOfMotion(Chain(number_of_rotors=rotors))
-    state = motion.state(*wall_state(rotors))
+    motion, state = moving(rotors)
     solver = SymplecticNystrom(motion, 0.0, state, 1e9, first_step=0.01, atol=1e-3, rtol=0.0)
     solver.step()
 
@@ -75,17 +74,15 @@ def compiled_force(rotors: int) -> Iterator[Work]:
 @contextmanager
 def one_zero_mode(rotors: int) -> Iterator[Work]:
     """Yield the zero mode of a chain with a wall."""
-    chain = Chain(number_of_rotors=rotors)
-    angles, _ = wall_state(rotors)
-    yield Work(lambda: zero_mode(chain, angles).size // rotors)
+    motion, state = moving(rotors)
+    yield Work(lambda: zero_mode(motion.chain, state[:rotors]).size // rotors)
 
 
 @contextmanager
 def analysis(rotors: int) -> Iterator[Work]:
     """Yield the analysis of one noisy frame with rates, in the steady state of the analyser."""
     wall, analyser = NoisyWall(rotors), Analyser(Chain(number_of_rotors=rotors), NOISE)
-    numbers = itertools.count(FIRST_FRAMES)
-    frame = [0, *wall.frame(0)]
+    numbers, frame = itertools.count(FIRST_FRAMES), []
 
     def prepare() -> None:
         number = next(numbers)

@@ -24,7 +24,7 @@ from pathlib import Path
 
 import numpy as np
 import rclpy
-from processes import node_command, own_domain
+from processes import node_command, own_domain, until
 from rclpy.publisher import Publisher
 from wall_bag import named_chain
 
@@ -36,9 +36,7 @@ from soliton_linkage_nodes.runtime.stamps import time_from_msg
 
 ROTORS = 40
 RATE = 1000.0
-START_LIMIT = 60.0
 LATEST_KILL = 2.5
-POLL = 0.01
 MOST_LOST = 1.0
 
 
@@ -59,7 +57,17 @@ class Kill:
 
 
 def main() -> None:
-    arguments = parse_arguments()
+    parser = argparse.ArgumentParser(description=__doc__)
+    for name, default, about in (
+        ('kills', 50, ''),
+        ('load', 0, 'busy processes '),
+        ('seed', 1, ''),
+    ):
+        parser.add_argument(f'--{name}', type=int, default=default, help=f'{about}(%(default)s)')
+    about = 'request real-time priority for the recorder'
+    parser.add_argument('--real-time', action='store_true', help=about)
+    parser.add_argument('--output', type=Path, default=Path('out/benchmark/killing'))
+    arguments = parser.parse_args()
     folder = arguments.output
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
@@ -74,27 +82,14 @@ def main() -> None:
             command = list(map(str, node_command('bag_recorder', given)))
             kill = killed(command, folder / str(number), chance.uniform(0, LATEST_KILL), send)
             kills.append(kill)
-            print(f'{number}: {described(kill)}', flush=True)
+            print(
+                f'{number}: killed after {kill.after:.3f} s: lost the last {kill.lost:.3f} s and '
+                f'the first {kill.begun:.3f} s; the transport of the last message took '
+                f'{kill.received:.3f} s',
+                flush=True,
+            )
     print(summary(kills, arguments.load))
     sys.exit(0 if max(kill.lost for kill in kills) < MOST_LOST else 1)
-
-
-def parse_arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--kills', type=int, default=50, help='(%(default)s)')
-    parser.add_argument('--load', type=int, default=0, help='busy processes (%(default)s)')
-    about = 'request real-time priority for the recorder'
-    parser.add_argument('--real-time', action='store_true', help=about)
-    parser.add_argument('--seed', type=int, default=1, help='(%(default)s)')
-    parser.add_argument('--output', type=Path, default=Path('out/benchmark/killing'))
-    return parser.parse_args()
-
-
-def described(kill: Kill) -> str:
-    return (
-        f'killed after {kill.after:.3f} s: lost the last {kill.lost:.3f} s and the first '
-        f'{kill.begun:.3f} s; the transport of the last message took {kill.received:.3f} s'
-    )
 
 
 def summary(kills: Sequence[Kill], load: int) -> str:
@@ -171,7 +166,7 @@ def killed(
         published_stamps() as stamps,
         subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as recorder,
     ):
-        wait_for(bag, recorder)
+        until(bag.exists, str(bag), recorder)
         send(signal.SIGCONT)
         assert recorder.stderr is not None
         if not any('recording to' in line for line in recorder.stderr):
@@ -183,14 +178,6 @@ def killed(
         send(signal.SIGSTOP)
     sent = [stamp for stamp in stamps if stamp < at]
     return losses_of(bag, folder / 'recovered', sent, announced, at)
-
-
-def wait_for(path: Path, recorder: subprocess.Popen[str]) -> None:
-    deadline = time.monotonic() + START_LIMIT
-    while not path.exists():
-        if time.monotonic() > deadline or recorder.poll() is not None:
-            raise TimeoutError(f'no {path} after {START_LIMIT:g} s')
-        time.sleep(POLL)
 
 
 def losses_of(bag: Path, recovered: Path, sent: Sequence[int], announced: int, at: int) -> Kill:

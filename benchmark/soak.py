@@ -249,7 +249,12 @@ class Visitor:
 
 
 def main() -> None:
-    arguments = parse_arguments()
+    raw = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
+    parser.add_argument('--minutes', type=float, default=60.0, help='(%(default)s)')
+    parser.add_argument('--resume', action='store_true', help='continue an interrupted test')
+    parser.add_argument('--output', type=Path, default=Path('out/soak'), help='(%(default)s)')
+    arguments = parser.parse_args()
     output = arguments.output
     if not arguments.resume:
         shutil.rmtree(output, ignore_errors=True)
@@ -260,20 +265,10 @@ def main() -> None:
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: stopping.set())
         run(output, ledger, 60 * arguments.minutes, stopping, stack)
-    page = write_page(output, ledger)
-    failed = [line for line, good in verdicts(ledger) if not good]
-    print('\n'.join(f'{"   ok" if good else " FAIL"}: {line}' for line, good in verdicts(ledger)))
+    page, results = write_page(output, ledger), verdicts(ledger)
+    print('\n'.join(f'{"   ok" if good else " FAIL"}: {line}' for line, good in results))
     print(f'page: {page}')
-    sys.exit(1 if failed or stopping.is_set() else 0)
-
-
-def parse_arguments() -> argparse.Namespace:
-    raw = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
-    parser.add_argument('--minutes', type=float, default=60.0, help='(%(default)s)')
-    parser.add_argument('--resume', action='store_true', help='continue an interrupted test')
-    parser.add_argument('--output', type=Path, default=Path('out/soak'), help='(%(default)s)')
-    return parser.parse_args()
+    sys.exit(0 if all(good for _, good in results) and not stopping.is_set() else 1)
 
 
 def run(
