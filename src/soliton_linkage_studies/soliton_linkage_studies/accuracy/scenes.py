@@ -33,19 +33,9 @@ from soliton_linkage.linkage.deviations import drawn_deviations
 from soliton_linkage.orbit.deviating_orbit import orbit_of
 from soliton_linkage.orbit.orbit import Orbit
 from soliton_linkage.solitons.static_wall import static_wall
+from soliton_linkage_studies.accuracy import walls
 from soliton_linkage_studies.accuracy.cells import AccuracyCell
 from soliton_linkage_studies.accuracy.springs import ForcedSprings, Springs, springs_of
-from soliton_linkage_studies.accuracy.walls import (
-    WallPath,
-    add_motion,
-    is_broken,
-    launch_speed,
-    left_of,
-    nearest_arc,
-    reach,
-    steady_wall,
-    wall_path,
-)
 
 _SLOW = 0.25
 """A wall is slow if it moves by less than this in a period of the slowest phonon [spacings]."""
@@ -234,7 +224,7 @@ def _single_wall(cell: AccuracyCell, frames: int, random: Generator) -> WallScen
         if frame:
             springs.advance(damping)
         guess = 2 * raw[-1] - raw[-2] if frame > 1 else raw[0] if frame else start.arc
-        arc = nearest_arc(orbit, springs.angles, guess)
+        arc = walls.nearest_arc(orbit, springs.angles, guess)
         if frame in at:
             impulses.append(_apply_impulse(start, arc, cell.largest_impulse, random))
         angles.append(springs.angles.copy())
@@ -285,15 +275,15 @@ def _started(cell: AccuracyCell, random: Generator) -> _Start:
     if cell.nudged:
         return _nudged(cell, orbit, random)
     if cell.disorder:
-        speed, arc = launch_speed(chain, cell.speed), orbit.arc_at(position, leg)
+        speed, arc = walls.launch_speed(chain, cell.speed), orbit.arc_at(position, leg)
         rates = sense * speed * orbit.site_arc * orbit.tangent(arc)
         springs = springs_of(orbit.chain, orbit.configuration(arc), rates, period)
         return _Start(springs, orbit, arc, speed)
-    wall = steady_wall(chain, leg if chain.motion is Motion.SPINNER else 0, cell.speed)
+    wall = walls.steady_wall(chain, leg if chain.motion is Motion.SPINNER else 0, cell.speed)
     shift = 2 * round((position - wall.position) / 2)
     arc = orbit.arc_at(wall.position + shift, leg)
     angles, rates = orbit.configuration(arc), np.zeros(last + 1)
-    add_motion(wall, shift, angles, rates, sense if leg % 2 == 0 else -sense)
+    walls.add_motion(wall, shift, angles, rates, sense if leg % 2 == 0 else -sense)
     return _Start(springs_of(chain, angles, rates, period), orbit, arc, wall.speed)
 
 
@@ -301,16 +291,16 @@ def _nudged(cell: AccuracyCell, orbit: Orbit, random: Generator) -> _Start:
     chain = cell.chain
     left = chain.uniform_state(1) + math.pi
     angles = left if chain.motion is Motion.SPINNER else chain.uniform_state(-1)
-    speed = launch_speed(chain, cell.speed)
+    speed = walls.launch_speed(chain, cell.speed)
     rates = speed * orbit.site_arc * mode_towards_last(chain, angles)
     springs = springs_of(chain, angles, rates, cell.period * chain.time_unit)
     sampled = np.linspace(-orbit.site_arc, orbit.arc_at(1.0, 0), _SAMPLES)
     apart = [np.cos(angles - orbit.configuration(arc)).sum() for arc in sampled]
-    arcs = [nearest_arc(orbit, angles, float(sampled[int(np.argmax(apart))]))] * 2
+    arcs = [walls.nearest_arc(orbit, angles, float(sampled[int(np.argmax(apart))]))] * 2
     leg = (chain.number_of_rotors - 1) / (speed * springs.period)
     for _ in range(int(random.uniform(0.0, _LEGS) * leg)):
         springs.advance()
-        arcs = [arcs[1], nearest_arc(orbit, springs.angles, 2 * arcs[1] - arcs[0])]
+        arcs = [arcs[1], walls.nearest_arc(orbit, springs.angles, 2 * arcs[1] - arcs[0])]
     return _Start(springs, orbit, arcs[1], speed)
 
 
@@ -347,10 +337,10 @@ def _several_walls(cell: AccuracyCell, frames: int, random: Generator) -> WallSc
     for draw in range(_DRAWS):
         begins = 1 if random.integers(2) else -1
         charges = tuple(begins * (-1) ** number for number in range(cell.walls))
-        walls = _placed(cell, charges, _SLOWER**draw, random)
+        moving = _placed(cell, charges, _SLOWER**draw, random)
         noise = random.standard_normal(cell.chain.number_of_rotors)
-        walls.springs.rates += cell.phonons / cell.chain.time_unit * noise
-        scene = _followed(cell, frames, charges, walls)
+        moving.springs.rates += cell.phonons / cell.chain.time_unit * noise
+        scene = _followed(cell, frames, charges, moving)
         if len(scene.angles) >= min(_FEWEST, frames):
             return scene
     raise ArithmeticError(
@@ -361,7 +351,7 @@ def _several_walls(cell: AccuracyCell, frames: int, random: Generator) -> WallSc
 @dataclass(frozen=True)
 class _MovingWalls:
     springs: Springs
-    paths: list[WallPath]
+    paths: list[walls.WallPath]
     positions: list[float]
     speeds: list[float]
     """Speeds of the walls [rotor spacings / s]."""
@@ -370,22 +360,22 @@ class _MovingWalls:
 def _placed(
     cell: AccuracyCell, charges: tuple[int, ...], slower: float, random: Generator
 ) -> _MovingWalls:
-    chain, near = cell.chain, reach(cell.chain)
+    chain, near = cell.chain, walls.reach(cell.chain)
     rotors = chain.number_of_rotors
-    angles, rates = left_of(chain, charges[0]), np.zeros(rotors)
+    angles, rates = walls.left_of(chain, charges[0]), np.zeros(rotors)
     paths, positions, speeds = [], [], []
     distance = (rotors - 1 - near) / len(charges)
     for number, charge in enumerate(charges):
         leg = int(random.integers(2)) if chain.motion is Motion.SPINNER else 0
-        path = wall_path(chain, charge, leg if charge > 0 else 0)
+        path = walls.wall_path(chain, charge, leg if charge > 0 else 0)
         aside = float(random.uniform(-_JITTER, _JITTER))
         position = near / 2 + distance * (number + 0.5 + aside)
         sense = 1 if random.integers(2) else -1
         if charge > 0:
-            wall = steady_wall(chain, leg, cell.speed)
+            wall = walls.steady_wall(chain, leg, cell.speed)
             shift = 2 * round((position - wall.position) / 2)
             position, speed = wall.position + shift, wall.speed
-            add_motion(wall, shift, angles, rates, sense)
+            walls.add_motion(wall, shift, angles, rates, sense)
         else:
             allowed = path.nearest_allowed if slower == 1 else path.nearest_minimum
             position = allowed(position)
@@ -400,23 +390,23 @@ def _placed(
 
 
 def _followed(
-    cell: AccuracyCell, frames: int, charges: tuple[int, ...], walls: _MovingWalls
+    cell: AccuracyCell, frames: int, charges: tuple[int, ...], moving: _MovingWalls
 ) -> WallScene:
-    chain, near, springs = cell.chain, reach(cell.chain), walls.springs
+    chain, near, springs = cell.chain, walls.reach(cell.chain), moving.springs
     last = chain.number_of_rotors - 1
     angles: list[Array] = []
     kinetic: list[float] = []
     raw: list[Array] = []
-    positions = walls.positions
+    positions = moving.positions
     for frame in range(frames):
         if frame:
             springs.advance()
         guesses = positions if len(raw) < 2 else (2 * raw[-1] - raw[-2]).tolist()
-        both = zip(walls.paths, guesses, strict=True)
+        both = zip(moving.paths, guesses, strict=True)
         positions = [path.nearest(springs.angles, guess, near) for path, guess in both]
         apart = np.diff([-near, *positions, last + near])
-        both = zip(walls.paths, positions, strict=True)
-        broken = any(is_broken(path, chain, springs.angles, x, _CORE) for path, x in both)
+        both = zip(moving.paths, positions, strict=True)
+        broken = any(walls.is_broken(path, chain, springs.angles, x, _CORE) for path, x in both)
         if broken or apart.min() < 2 * near:
             break
         angles.append(springs.angles.copy())
@@ -425,7 +415,7 @@ def _followed(
     track = np.array(raw).reshape(-1, len(charges))
     beside = [
         frames_beside(speed, cell, path.barrier_speed)
-        for speed, path in zip(walls.speeds, walls.paths, strict=True)
+        for speed, path in zip(moving.speeds, moving.paths, strict=True)
     ]
     means = [
         averages_and_slopes(column, count) for column, count in zip(track.T, beside, strict=True)

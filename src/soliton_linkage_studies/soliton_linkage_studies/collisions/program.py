@@ -19,21 +19,12 @@ from matplotlib.lines import Line2D
 
 from soliton_linkage.linkage.chain import Array, Motion
 from soliton_linkage_studies import palette
+from soliton_linkage_studies.collisions import study
 from soliton_linkage_studies.collisions.runs import (
     INITIAL_DISTANCE,
     Collision,
     ring_order_field,
     simulate_frames,
-)
-from soliton_linkage_studies.collisions.study import (
-    CRITICAL_SPEED,
-    PHI4_SPEED,
-    Row,
-    escaped_after,
-    finding_tables,
-    read_collision_study,
-    read_row,
-    series_of,
 )
 from soliton_linkage_studies.drawing import LEGEND_ABOVE, PIXELS, parameters
 from soliton_linkage_studies.figure_report import FigureReport
@@ -66,9 +57,9 @@ _NAMES = ('never overlapped', '1 collision', '2 collisions', '3 collisions', 'mo
 _SPEED, _SPEED_AFTER = 'v / c [1]', "v' / c [1]"
 
 
-def draw_speeds(rows: Sequence[Row]) -> FigureReport:
+def draw_speeds(rows: Sequence[study.Row]) -> FigureReport:
     """Draw the speed after a collision against the speed before, one panel per ring."""
-    series = series_of(rows, 'sweeps')
+    series = study.series_of(rows, 'sweeps')
     report, panels = _panels(_SPEEDS, len(series), 4, (4.1, 3.9, 0.5), 'v′ / c [1]')
     for axes, (name, each) in zip(panels, series.items(), strict=True):
         _draw_speeds(report, axes, name, each)
@@ -92,28 +83,28 @@ def _panels(
     return report, panels[:count]
 
 
-def draw_windows(rows: Sequence[Row]) -> FigureReport:
+def draw_windows(rows: Sequence[study.Row]) -> FigureReport:
     """Draw bounce windows, their sensitivity to settings, and critical speeds against d."""
     figure = Figure(figsize=(13, 7), layout='constrained')
-    report = FigureReport(figure, _WINDOWS.format(phi4=PHI4_SPEED))
+    report = FigureReport(figure, _WINDOWS.format(phi4=study.PHI4_SPEED))
     grid = figure.add_gridspec(2, 2, width_ratios=(1.7, 1), height_ratios=(2, 1))
     above, aside = figure.add_subplot(grid[0, 0]), figure.add_subplot(grid[:, 1])
     below = figure.add_subplot(grid[1, 0], sharex=above)
-    series = series_of([row for row in rows if not row.name], 'variations')
+    series = study.series_of([row for row in rows if not row.name], 'variations')
     whole = next(iter(series.values()))
     _draw_speeds(report, above, 'a', whole)
     above.set(ylabel='v′ / c [1]', ylim=(0, None))
     above.margins(x=0.01)
     above.tick_params(labelbottom=False)
     _draw_strips(report, below, series)
-    _draw_critical(report, aside, series_of(rows, 'critical_speeds'))
+    _draw_critical(report, aside, study.series_of(rows, 'critical_speeds'))
     for panel, letter in zip((above, below, aside), 'abc', strict=True):
         panel.set_title(letter, loc='left', fontweight='bold')
     figure.legend(handles=_handles(False), loc=LEGEND_ABOVE, ncols=8, frameon=False)
     return report
 
 
-def _draw_speeds(report: FigureReport, axes: Axes, name: str, rows: Sequence[Row]) -> None:
+def _draw_speeds(report: FigureReport, axes: Axes, name: str, rows: Sequence[study.Row]) -> None:
     speeds = np.array([row.speed for row in rows])
     bottom = axes.get_xaxis_transform()
     ends = [speeds.min(), speeds.max()]
@@ -133,7 +124,7 @@ def _draw_speeds(report: FigureReport, axes: Axes, name: str, rows: Sequence[Row
         report.add_points(name, label, (_SPEED, _SPEED_AFTER), before, after)
 
 
-def _draw_strips(report: FigureReport, axes: Axes, series: dict[str, list[Row]]) -> None:
+def _draw_strips(report: FigureReport, axes: Axes, series: dict[str, list[study.Row]]) -> None:
     for number, (name, rows) in enumerate(series.items()):
         width = (rows[-1].speed - rows[0].speed) / max(len(rows) - 1, 1)
         for outcome, label in enumerate(_NAMES):
@@ -145,25 +136,28 @@ def _draw_strips(report: FigureReport, axes: Axes, series: dict[str, list[Row]])
     axes.set(xlabel='v / c [1]', ylim=(len(series) - 0.5, -0.5))
 
 
-def _draw_critical(report: FigureReport, axes: Axes, series: dict[str, list[Row]]) -> None:
+def _draw_critical(report: FigureReport, axes: Axes, series: dict[str, list[study.Row]]) -> None:
     for (name, rows), colour in zip(
         series.items(), (palette.BLUE, palette.GREEN, palette.SKY), strict=False
     ):
         found = [(float(row.name), row.speed) for row in rows if row.run]
         leans, speeds = np.array(found).reshape(-1, 2).T
-        look, names = {'color': colour, 'markersize': 4, 'label': name}, ('d [1]', CRITICAL_SPEED)
+        look, names = (
+            {'color': colour, 'markersize': 4, 'label': name},
+            ('d [1]', study.CRITICAL_SPEED),
+        )
         report.plot(axes, ('c', name), names, leans, speeds, 'o-', **look)
     axes.axhline(
-        PHI4_SPEED, color=palette.BLACK, linestyle='--', linewidth=0.9, label='phi⁴ theory'
+        study.PHI4_SPEED, color=palette.BLACK, linestyle='--', linewidth=0.9, label='phi⁴ theory'
     )
-    axes.set(xlabel='d = 2 r sin θ̄ / a [1]', ylabel=CRITICAL_SPEED)
+    axes.set(xlabel='d = 2 r sin θ̄ / a [1]', ylabel=study.CRITICAL_SPEED)
     axes.set(xlim=(0, None), ylim=(0, None))
     axes.legend(frameon=False)
 
 
-def _outcome(row: Row) -> int | None:
+def _outcome(row: study.Row) -> int | None:
     """Return the number of overlaps (at most 4) before escape, -1 if broken, None if captured."""
-    after = escaped_after(row)
+    after = study.escaped_after(row)
     if row.run and row.run.broken:
         return -1
     return None if after is None else min(after, len(_NAMES) - 1)
@@ -254,14 +248,14 @@ def _label_turns(axes: Axes, collision: Collision, times: Array, angles: Array) 
 
 
 def _collided(options: argparse.Namespace) -> str:
-    study = read_collision_study(load_settings(options.config), options.quick)
+    asked = study.read_collision_study(load_settings(options.config), options.quick)
     folder = options.output / ('quick' if options.quick else 'runs')
-    _, cells = fill_table(study, folder, options.workers)
-    rows = [read_row(each) for each in cells]
+    _, cells = fill_table(asked, folder, options.workers)
+    rows = [study.read_row(each) for each in cells]
     draw_speeds(rows).save(options.output, 'collisions')
     draw_windows(rows).save(options.output, 'collision_windows')
-    draw_pictures(study.pictures).save(options.output, 'collision_pictures')
-    table = finding_tables(rows)
+    draw_pictures(asked.pictures).save(options.output, 'collision_pictures')
+    table = study.finding_tables(rows)
     (options.output / 'table.md').write_text(table, encoding='utf-8')
     failed = sum(bool(row.failure) for row in rows)
     remark = f'; {failed} of {len(rows)} collisions failed' if failed else ''
