@@ -9,7 +9,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from soliton_linkage.dynamics.elastic import ElasticSimulation
@@ -235,6 +234,11 @@ each line a move. (a) Position of the wall. (b) Absolute distance from the goal,
 energy outside the motion of the wall. If two conditions give equal results, only the line of the
 last condition is visible.
 """
+_QUANTITIES = (
+    'position [rotor spacings]',
+    'distance from the goal [rotor spacings]',
+    'phonons / peak energy of the wall [1]',
+)
 _REQUIRED_ACCURACY = 0.1
 """Required holding accuracy: largest allowed distance from the goal [rotor spacings]."""
 _LEAST_ERROR = 1e-6
@@ -256,7 +260,16 @@ def draw_moves(
         for number, title in enumerate(conditions):
             colour = COLOURS[number % len(COLOURS)]
             for task, run in zip(tasks[name, title], runs[name, title], strict=True):
-                _draw_run(report, column, f'{name}, {title}', colour, task, run)
+                distance = np.maximum(np.abs(run.positions - task.goal), _LEAST_ERROR)
+                share = np.maximum(run.phonon_energies / run.peak_energy, _LEAST_SHARE)
+                drawn = zip(column, _QUANTITIES, (run.positions, distance, share), strict=True)
+                for axes, quantity, values in drawn:
+                    axes.plot(run.times, values, color=colour, linewidth=0.9, alpha=0.8)
+                    where, names = (
+                        (f'{name}, {title}', f'to {task.goal:.3f}'),
+                        ('time [s]', quantity),
+                    )
+                    report.add_points(*where, names, run.times, values)
         column[0].set(title=name)
         column[1].axhline(_REQUIRED_ACCURACY, color=GREY, linestyle='--', linewidth=0.8)
         column[2].set(xlabel='time since the goal command [s]')
@@ -269,25 +282,6 @@ def draw_moves(
         panels[0, 0].plot([], [], color=COLOURS[number % len(COLOURS)], label=title)
     report.figure.legend(loc=LEGEND_ABOVE, ncols=len(conditions) + 1)
     return report
-
-
-def _draw_run(
-    report: FigureReport,
-    column: Sequence[Axes],
-    series: str,
-    colour: str,
-    task: MoveTask,
-    run: MoveRun,
-) -> None:
-    distance = np.maximum(np.abs(run.positions - task.goal), _LEAST_ERROR)
-    share = np.maximum(run.phonon_energies / run.peak_energy, _LEAST_SHARE)
-    for axes, name, values in (
-        (column[0], 'position [rotor spacings]', run.positions),
-        (column[1], 'distance from the goal [rotor spacings]', distance),
-        (column[2], 'phonons / peak energy of the wall [1]', share),
-    ):
-        axes.plot(run.times, values, color=colour, linewidth=0.9, alpha=0.8)
-        report.add_points(series, f'to {task.goal:.3f}', ('time [s]', name), run.times, values)
 
 
 def _run(options: argparse.Namespace) -> str:

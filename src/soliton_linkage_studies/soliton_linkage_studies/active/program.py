@@ -7,13 +7,14 @@ import argparse
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 
 from soliton_linkage.dynamics.initial_states import with_pair
-from soliton_linkage.linkage.chain import Array, Chain, displacement
+from soliton_linkage.linkage.chain import Chain, displacement
 from soliton_linkage_studies import palette
 from soliton_linkage_studies.active.runs import (
     ActiveRun,
@@ -122,16 +123,13 @@ class ActiveStudy:
     def tasks(self, drives: Drives) -> dict[tuple[Any, ...], ActiveTask]:
         """Return all tasks. A key consists of the panel name and the parameter values."""
         tasks: dict[tuple[Any, ...], ActiveTask] = {}
-        for (name, charge), drive in drives.items():
-            for ratio in self.ratios:
-                task = self._sent(self.chains[name], self.decay, ratio, charge, drive.ratio)
-                tasks['a', name, charge, ratio] = task
+        for ((name, charge), drive), ratio in product(drives.items(), self.ratios):
+            task = self._sent(self.chains[name], self.decay, ratio, charge, drive.ratio)
+            tasks['a', name, charge, ratio] = task
         first = next(iter(self.chains))
         chain = self.chains[first]
-        for ratio in self.diagram_ratios:
-            for decay in self.diagram_decays:
-                expected = drives[first, -1].ratio
-                tasks['d', ratio, decay] = self._sent(chain, decay, ratio, -1, expected)
+        for ratio, decay in product(self.diagram_ratios, self.diagram_decays):
+            tasks['d', ratio, decay] = self._sent(chain, decay, ratio, -1, drives[first, -1].ratio)
         active = motorised(chain, self.decay, self.pair_ratio)
         velocity = self.pair_ratio * drives[first, 1].ratio
         rotors = chain.number_of_rotors
@@ -164,11 +162,8 @@ def page(study: ActiveStudy, drives: Drives, runs: Runs) -> FigureReport:
     for panel in 'bc':
         _draw_pair(report, panel, panels[panel], runs[panel,])
     for panel, charge in (('b', 1), ('b', -1), ('f', 1)):
-        active, recording = runs[panel,].chain, runs[panel,].recording
-        found = [wall_sites(active, angles) for angles in recording.angles]
-        track = recording.times, follow_charge(found, charge)
-        velocity = drives[first, charge].velocity(active)
-        _compare_track(report, panels[panel], (panel, charge), track, velocity)
+        drive = drives[first, charge]
+        _compare_track(report, panels[panel], panel, charge, runs[panel,], drive)
     _draw_diagram(report, panels['d'], study, drives, runs)
     _draw_power(report, panels['e'], drives[first, 1], runs['e',])
     run = runs['f',]
@@ -218,16 +213,13 @@ def _draw_velocities(report: FigureReport, axes: Axes, drives: Drives, runs: Run
 
 
 def _compare_track(
-    report: FigureReport,
-    axes: Axes,
-    where: tuple[str, int],
-    track: tuple[Array, Array],
-    velocity: float,
+    report: FigureReport, axes: Axes, panel: str, charge: int, run: ActiveRun, drive: WallDrive
 ) -> None:
-    tracked = np.flatnonzero(np.isfinite(track[1]))
-    times, sites = (each[tracked[len(tracked) // 2 :]] for each in track)
+    found = [wall_sites(run.chain, angles) for angles in run.recording.angles]
+    track, velocity = follow_charge(found, charge), drive.velocity(run.chain)
+    tracked = np.flatnonzero(np.isfinite(track))
+    times, sites = (each[tracked[len(tracked) // 2 :]] for each in (run.recording.times, track))
     line = sites.mean() + velocity * (times - times.mean())
-    panel, charge = where
     kind, names = 'kink' if charge > 0 else 'anti-kink', (_TIME, _SITE)
     axes.plot(times, line, '--', color=palette.GREEN, linewidth=2, zorder=3)
     report.add_points(panel, f'{kind}: theory', names, times, line)

@@ -104,23 +104,6 @@ def draw_balance(report: FigureReport, axes: Axes, runs: Mapping[str, BalancedRu
     axes.legend(ncols=3, loc='lower center', columnspacing=1.0, handlelength=1.2)
 
 
-def draw_stiffness(
-    report: FigureReport,
-    axes: Axes,
-    stiffnesses: Sequence[float],
-    apart: Sequence[float],
-    order: float,
-) -> None:
-    """Draw the largest angle difference between springs and bars against the stiffness.
-
-    `order` is the fitted order of convergence.
-    """
-    draw_convergence(axes, stiffnesses, apart, f'springs, order {order:.3f}')
-    axes.set(xlabel='stiffness $k_e$ [N/m]')
-    names = ('stiffness [N/m]', 'largest deviation of an angle [rad]')
-    report.add_points('c', 'springs from bars', names, stiffnesses, apart)
-
-
 def draw_tilt(
     report: FigureReport, above: Axes, axes: Axes, runs: Mapping[str, TiltedRun]
 ) -> None:
@@ -207,15 +190,17 @@ def page(
     )
     apart = [runs['c', number] for number in range(len(study.stiffnesses))]
     moves = moves_of(runs)
-    caption = _CAPTION.format(least=_LEAST)
-    report = new_report(caption, 8.27, 11.69)
+    report = new_report(_CAPTION.format(least=_LEAST), 8.27, 11.69)
     panels = report.figure.subplot_mosaic(_LAYOUT)
     response = stepped_response(PneumaticActuator(), study.step)
     draw_response(report, panels['a'], response)
     draw_balance(report, panels['b'], balances)
     stiffnesses = [task.chain.stiffness for task in study.stiffnesses]
     order = convergence_order(stiffnesses, apart)
-    draw_stiffness(report, panels['c'], stiffnesses, apart, order)
+    draw_convergence(panels['c'], stiffnesses, apart, f'springs, order {order:.3f}')
+    panels['c'].set(xlabel='stiffness $k_e$ [N/m]')
+    names = ('stiffness [N/m]', 'largest deviation of an angle [rad]')
+    report.add_points('c', 'springs from bars', names, stiffnesses, apart)
     draw_tilt(report, panels['t'], panels['d'], tilts)
     chains = {name: tasks[0].chain for (name, _), tasks in study.moves.items()}
     draw_moves(report, panels['e'], chains, {key: each[0] for key, each in moves.items()})

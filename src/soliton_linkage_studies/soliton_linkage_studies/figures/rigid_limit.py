@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike
 
 from soliton_linkage.dynamics.elastic import simulate
 from soliton_linkage.dynamics.rigid import RigidSimulation
-from soliton_linkage.linkage.chain import Array
 from soliton_linkage.solitons.track import follow
 from soliton_linkage_studies.experiments import kick_rates
 from soliton_linkage_studies.figure_report import FigureReport, new_report
@@ -80,20 +79,16 @@ def rigid_limit_figure(section: Section, quick: bool) -> FigureReport:
     paths.set(xlabel=r'time [$\sqrt{M/k_e}$]', ylabel='wall position [rotor spacings]')
     paths.set_title('a  paths of the wall', loc='left')
     paths.legend()
-    _draw_order(report, distances, np.array(shown), np.array(apart))
-    return report
-
-
-def _draw_order(report: FigureReport, axes: Axes, factors: Array, apart: Array) -> None:
-    draw_convergence(axes, factors, apart, 'springs from bars')
-    axes.set(xlabel='stiffness / stiffness of the chain [1]')
-    axes.set_title('b  deviation from rigid bars', loc='left')
+    draw_convergence(distances, shown, apart, 'springs from bars')
+    distances.set(xlabel='stiffness / stiffness of the chain [1]')
+    distances.set_title('b  deviation from rigid bars', loc='left')
     names = ('stiffness / stiffness of the chain [1]', 'largest deviation of an angle [rad]')
-    report.add_points('b', 'springs from bars', names, factors, apart)
+    report.add_points('b', 'springs from bars', names, shown, apart)
     report.add_comparison(
         'order of the deviation of springs from rigid bars in 1/kₑ',
         'the linkage is the limit kₑ → ∞',
         'first order at fixed speed',
-        convergence_order(factors, apart),
+        convergence_order(shown, apart),
         1.0,
     )
+    return report
