@@ -15,7 +15,6 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 
-from soliton_linkage.identification.rig_check import DOUBTFUL, RIGHT, WRONG, RigFindings
 from soliton_linkage.linkage.chain import Array, Chain, displacement
 from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.solitons.track import Crossing, Track
@@ -26,6 +25,7 @@ from soliton_linkage_studies.palette import BLUE, GREEN, ORANGE, RED
 
 if TYPE_CHECKING:  # the demo does not compile the loops of the identification
     from soliton_linkage.identification.result import Identification
+    from soliton_linkage.identification.rig_check import RigFindings
 
 _KYMOGRAPH = """
 Horizontal displacement u = r sin φ of the mass of each rotor over time: purple for rotors that
@@ -256,6 +256,8 @@ td {{padding: .3em .8em .3em 0; vertical-align: top}} svg {{max-width: 100%; hei
 
 def rig_page(found: RigFindings, names: Sequence[str], chain: str) -> str:
     """Return the page as HTML; `names` are the joint names and `chain` describes the chain."""
+    from soliton_linkage.identification.rig_check import DOUBTFUL, RIGHT, WRONG
+
     colours = {RIGHT: GREEN, DOUBTFUL: ORANGE, WRONG: RED}
     rows = ''.join(
         f'<tr><td style="color:{colours[each.verdict]}"><b>{each.verdict}</b></td>'

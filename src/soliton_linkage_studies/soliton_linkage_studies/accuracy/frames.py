@@ -27,7 +27,7 @@ from soliton_linkage_studies.accuracy.estimators import (
     estimators_of,
     inner_positions,
 )
-from soliton_linkage_studies.accuracy.statistics import mark_handle, number_text
+from soliton_linkage_studies.accuracy.statistics import number_text
 from soliton_linkage_studies.drawing import LEGEND_ABOVE, class_and_shape
 from soliton_linkage_studies.figure_report import FigureReport, new_report
 from soliton_linkage_studies.palette import COLOURS, GREY, MARKERS, PALE, WHITE
@@ -319,3 +319,8 @@ def _dashes(name: str) -> Literal['-', ':']:
 
 def _level(label: str) -> Line2D:
     return Line2D([], [], color=GREY, linewidth=0.8, linestyle='--', label=label)
+
+
+def mark_handle(name: str, colour: str, marker: str) -> Line2D:
+    """Return the entry of a legend for a marker."""
+    return Line2D([], [], color=colour, marker=marker, linestyle='', markersize=6, label=name)

@@ -1,25 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Statistics, table and picture of the errors in test cells, and comparison of two tables."""
+"""Statistics of the errors in test cells, and comparison of two tables."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from soliton_linkage.linkage.chain import Array, Motion
+from soliton_linkage.linkage.chain import Array
 from soliton_linkage_studies.accuracy.cells import CELL_COLUMNS, AccuracyCell, cell_values
-from soliton_linkage_studies.drawing import LEGEND_ABOVE
-from soliton_linkage_studies.figure_report import FigureReport
-from soliton_linkage_studies.palette import BLACK, BLUE, GREEN, GREY, ORANGE, PALE
-from soliton_linkage_studies.sweep.table import markdown_table
 
 _FAILURES = ('lost', 'false', 'wrong_leg')
 COLUMNS = (
@@ -44,7 +36,7 @@ WALL_VALUES = ('position', 'instant', 'rate', 'error', 'deviation', 'rate_error'
 position at this instant and of the velocity, divided by their stated standard deviations [1]. The
 others are the position error and its stated standard deviation [rotor spacings], and the relative
 error of the velocity [1]."""
-_CONSISTENT = (0.95, 1.05)
+CONSISTENT = (0.95, 1.05)
 """Stated deviations count as consistent if the rms normalised error is in this range [1]."""
 _SIGNIFICANT = 3.0
 """A difference is significant if it is above this [standard errors]; 1 of 400 is so by chance."""
@@ -216,7 +208,7 @@ def _large_errors(row: Row) -> float:
 def _inconsistency(rms: float) -> float:
     if not rms > 0:
         return 0.0
-    low, high = _CONSISTENT
+    low, high = CONSISTENT
     return max(math.log(rms / high), math.log(low / rms), 0.0)
 
 
@@ -226,124 +218,3 @@ def _rate(row: Row, name: str) -> float:
 
 def _number(text: str) -> float:
     return float(text) if text else math.nan
-
-
-_CAPTION = """ Errors of the analyser in cells of {frames} frames each. Random cells, drawn with
-seed {seed}, are on the left, and named hard cases on the right. Flippers are blue, wobbling
-flippers orange and spinners green. (a) Root mean square of the position error divided by its
-stated standard deviation. (b) The same for the rate. Error bars are jackknife standard errors over
-records. Dashed lines mark 0.95 and 1.05. (c) Failures per 10,000 frames, if any: lost walls
-(discs), false walls (triangles) and frames with the wrong leg (black crosses). The true position
-is the point of the static path nearest to the noiseless frame, averaged over a period of the
-slowest phonon, or over the passage of a rotor if that is shorter. The true rate is the slope over
-three times this duration.
-"""
-_COLOURS = {Motion.FLIPPER: BLUE, Motion.WOBBLING_FLIPPER: ORANGE, Motion.SPINNER: GREEN}
-_LABELS = (
-    'a  position error / stated, rms [1]',
-    'b  rate error / stated, rms [1]',
-    'c  failures per 10,000 frames [1]',
-)
-_MOST = 20.0
-"""Larger normalised errors are drawn at this value [1]."""
-_SHOWN = (
-    ('cell', '', ''),
-    ('class', '', ''),
-    ('N', 'rotors', ''),
-    ('d / d_c', 'd_over_critical', '.3f'),
-    ('noise [rad]', 'noise', '.3g'),
-    ('v / c', 'speed', '.2g'),
-    ('walls', 'walls', ''),
-    ('phonons', 'phonons', '.2g'),
-    ('position rms', 'position_rms', '.2f'),
-    ('±', 'position_rms_error', '.2f'),
-    ('99 %', 'position_99', '.2f'),
-    ('in 1, 2 σ [%]', 'position_coverage', ''),
-    ('bias [σ]', 'position_bias', '+.2f'),
-    ('instant rms', 'instant_rms', '.2f'),
-    ('rate rms', 'rate_rms', '.2f'),
-    ('± ', 'rate_rms_error', '.2f'),
-    ('in 1, 2 σ [%] ', 'rate_coverage', ''),
-    ('σ [spacings]', 'deviation_median', '.2g'),
-    ('shift [σ]', 'shift_max', '.2g'),
-    ('lost', 'lost', '.0f'),
-    ('false', 'false', '.0f'),
-    ('leg', 'wrong_leg', '.0f'),
-    ('failure', '', ''),
-)
-
-
-def draw_cells(rows: Sequence[Row], seed: int, frames: int) -> FigureReport:
-    """Draw the normalised errors and the failures of all cells."""
-    width = max(10.0, 3 + 0.16 * len(rows))
-    figure = Figure(figsize=(width, 11), layout='constrained')
-    report = FigureReport(figure, _CAPTION.format(seed=seed, frames=frames))
-    panels = figure.subplots(3, 1, sharex=True)
-    for axes, name in zip(panels, ('position', 'rate'), strict=False):
-        for number, row in enumerate(rows):
-            _draw_errors(report, axes, name, number, row)
-        for limit in _CONSISTENT:
-            axes.axhline(limit, color=GREY, linestyle='--', linewidth=0.8, zorder=0)
-    for number, row in enumerate(rows):
-        _draw_failures(report, panels[2], number, row)
-    for axes, label in zip(panels, _LABELS, strict=True):
-        axes.set(ylabel=label, yscale='log')
-    names = [row['cell'] for row in rows]
-    panels[2].set_xticks(range(len(rows)), names, rotation=90, fontsize=7)
-    hard = next((n for n, name in enumerate(names) if not name.isdecimal()), len(names))
-    for axes in panels:
-        axes.axvline(hard - 0.5, color=PALE, linewidth=1.5, zorder=0)
-        axes.set_xlim(-1, len(rows))
-    marks = [(motion.value, colour, 'o') for motion, colour in _COLOURS.items()]
-    marks += [('c: lost', GREY, 'o'), ('c: false', GREY, '^'), ('c: wrong leg', BLACK, 'x')]
-    handles = [mark_handle(*mark) for mark in marks]
-    figure.legend(handles=handles, loc=LEGEND_ABOVE, ncols=6)
-    return report
-
-
-def write_cells(rows: Sequence[Row], path: Path) -> None:
-    """Write the table of the cells as Markdown."""
-    titles = [title for title, _, _ in _SHOWN]
-    shown = ([_shown(row, *each) for each in _SHOWN] for row in rows)
-    path.write_text(markdown_table(titles, shown), encoding='utf-8')
-
-
-def _shown(row: Row, title: str, name: str, form: str) -> str:
-    if name.endswith('_coverage'):
-        both = (row[f'{name}_1'], row[f'{name}_2'])
-        return ', '.join(f'{float(each):.0f}' for each in both) if all(both) else ''
-    text = row[name or title]
-    return f'{float(text):{form}}' if form and text else text.replace('|', '∣')
-
-
-def _draw_errors(report: FigureReport, axes: Axes, name: str, number: int, row: Row) -> None:
-    text, error = row[f'{name}_rms'], row[f'{name}_rms_error']
-    if not text:
-        return
-    rms = float(text)
-    shown = min(rms, _MOST)
-    colour = _COLOURS[Motion(row['class'])]
-    bar = min(float(error), 0.9 * shown) if error else 0.0
-    marker = 'o' if rms <= _MOST else '^'
-    axes.errorbar(number, shown, bar, fmt=marker, color=colour, markersize=4, linewidth=1)
-    report.add_points(name, row['cell'], ('cell', 'error / stated, rms [1]'), number, rms)
-
-
-def _draw_failures(report: FigureReport, axes: Axes, number: int, row: Row) -> None:
-    frames = float(row['frames'] or 'nan')
-    colour = _COLOURS[Motion(row['class'])]
-    for name, marker, shade, shift in (
-        ('lost', 'o', colour, -0.2),
-        ('false', '^', colour, 0.0),
-        ('wrong_leg', 'x', BLACK, 0.2),
-    ):
-        share = 1e4 * float(row[name] or 'nan') / frames
-        if share > 0:
-            axes.plot(number + shift, share, marker, color=shade, markersize=4)
-        if math.isfinite(share):
-            report.add_points('failures', f'{row["cell"]}, {name}', ('cell', '1'), number, share)
-
-
-def mark_handle(name: str, colour: str, marker: str) -> Line2D:
-    """Return the entry of a legend for a marker."""
-    return Line2D([], [], color=colour, marker=marker, linestyle='', markersize=6, label=name)
