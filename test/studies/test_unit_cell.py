@@ -209,7 +209,7 @@ def test_the_limits_separate_the_classes(rest_angle, share, side):
     first, second = flipper_limit(rest_angle), spinner_limit(rest_angle)
     assert first < second
     wobbling, spinning = (
-        Chain(2, 1.0, limit * factor, rest_angle).motion for limit in (first, second)
+        Chain(2, 0.01, 0.01 * limit * factor, rest_angle).motion for limit in (first, second)
     )
     assert (wobbling is not Motion.FLIPPER) == (spinning is Motion.SPINNER) == (side > 0)
     assert wobbling is not Motion.SPINNER

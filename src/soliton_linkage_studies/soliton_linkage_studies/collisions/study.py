@@ -151,7 +151,11 @@ def read_row(cells: Mapping[str, str]) -> Row:
     """Parse a row of the table; `cells` maps column names to text."""
     run = None
     if not cells['failure']:
-        kinds = {'bool': lambda text: text == 'True', 'int': int, 'float': float}
+        kinds: dict[str, Any] = {
+            'bool': lambda text: text == 'True',
+            'int': int,
+            'float': float,
+        }
         values = {one.name: kinds[str(one.type)](cells[one.name]) for one in fields(CollisionRun)}
         run = CollisionRun(**values)
     part, series, name = (cells[key] for key in ('part', 'series', 'name'))
