@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.integrate import OdeSolver
@@ -17,7 +18,6 @@ from soliton_linkage.dynamics.simulation import (
     SMALLEST_RELATIVE_TOLERANCE,
     Simulation,
     SimulationSettings,
-    scipy_solver,
 )
 from soliton_linkage.dynamics.terms import Term, TorqueFunction
 from soliton_linkage.linkage.chain import Array, Chain
@@ -44,14 +44,13 @@ class ElasticSettings(SimulationSettings):
     takes 20 to 60 % longer; at 2x, it takes 10 to 30 % less, but one solver step takes 0.12 ms."""
 
 
-DEFAULTS = ElasticSettings()
-
-
 class ElasticSimulation(Simulation):
     """Simulation of a chain of springs by integration of an `EquationOfMotion`.
 
     Raises ValueError for an unknown `integrator`, and for `forces` that it does not support.
     """
+
+    _settings = ElasticSettings()
 
     def __init__(
         self,
@@ -65,12 +64,11 @@ class ElasticSimulation(Simulation):
         *,
         forces: Sequence[Term | TorqueFunction] = (),
         integrator: str = 'symplectic',
-        settings: ElasticSettings = DEFAULTS,
+        settings: ElasticSettings | None = None,
     ) -> None:
         if integrator not in INTEGRATORS:
             raise ValueError(f'integrator = {integrator!r} must be one of {tuple(INTEGRATORS)}')
         self.integrator = integrator
-        self._settings = settings
         self._method = INTEGRATORS[integrator]
         start = chain, angles, rates, period, tolerance
         super().__init__(*start, gravity, fixed, forces=forces, settings=settings)
@@ -100,20 +98,13 @@ class ElasticSimulation(Simulation):
         motion = self.motion
         fastest_rate = max(motion.fastest_vibration, motion.fastest_decay)
         longest_step = self._settings.longest_step / fastest_rate
+        options: dict[str, Any] = {'max_step': longest_step}
         tolerances = absolute_tolerances(motion, self.tolerance)
-        if not issubclass(self._method, SymplecticNystrom):
-            solver = scipy_solver(self._method, motion, state, tolerances, longest_step)
-            return solver, longest_step
-        solver = self._method(
-            motion,
-            0.0,
-            state,
-            np.inf,
-            rtol=SMALLEST_RELATIVE_TOLERANCE,
-            atol=self._settings.symplectic_fraction * tolerances,
-            together=1,
-        )
-        return solver, longest_step
+        if issubclass(self._method, SymplecticNystrom):
+            options = {'together': 1}
+            tolerances *= self._settings.symplectic_fraction
+        options |= {'rtol': SMALLEST_RELATIVE_TOLERANCE, 'atol': tolerances}
+        return self._method(motion, 0.0, state, np.inf, **options), longest_step
 
     def _after_step(self) -> None:
         if isinstance(self._solver, SymplecticNystrom):

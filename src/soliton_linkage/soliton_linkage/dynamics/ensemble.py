@@ -8,6 +8,7 @@ import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from itertools import repeat
@@ -149,22 +150,18 @@ def _streamed(
 ) -> Iterator[Any]:
     """Yield the results of batches in order, with at most two unfinished batches per core."""
     cores = os.cpu_count() or 1
-    own = None if executor else ThreadPoolExecutor(cores)
-    pool = executor or own
-    assert pool is not None
     waiting: deque[Future[list[Any]]] = deque()
-    try:
-        for batch in batches:
-            waiting.append(pool.submit(work, batch))
-            if len(waiting) >= 2 * cores:
+    with nullcontext(executor) if executor else ThreadPoolExecutor(cores) as pool:
+        try:
+            for batch in batches:
+                waiting.append(pool.submit(work, batch))
+                if len(waiting) >= 2 * cores:
+                    yield from waiting.popleft().result()
+            while waiting:
                 yield from waiting.popleft().result()
-        while waiting:
-            yield from waiting.popleft().result()
-    finally:
-        for future in waiting:
-            future.cancel()
-        if own is not None:
-            own.shutdown()
+        finally:
+            for future in waiting:
+                future.cancel()
 
 
 def _move(

@@ -11,7 +11,6 @@ I_n. With the speed s along the curve [J^(1/2)] and the kinetic energy T,
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,13 +18,14 @@ from scipy.integrate import DOP853, OdeSolver
 from scipy.linalg import eigvals_banded, solveh_banded
 
 from soliton_linkage.compiling import compiled, const_f8_1d
-from soliton_linkage.dynamics.simulation import Simulation, SimulationSettings, scipy_solver
-from soliton_linkage.dynamics.terms import Term, TorqueFunction
-from soliton_linkage.dynamics.work import work_of_torques
+from soliton_linkage.dynamics.simulation import (
+    SMALLEST_RELATIVE_TOLERANCE,
+    Simulation,
+    SimulationSettings,
+)
 from soliton_linkage.linear.rigidity import VANISHING, rigidity_bands, zero_mode
 from soliton_linkage.linear.statics import gram_matrix_bands, unstretched
 from soliton_linkage.linkage.chain import Array, Chain
-from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
 
 _FLUSHED = -1100
 """Least binary exponent of a component of the zero mode, relative to the largest component [1].
@@ -49,9 +49,6 @@ class RigidSettings(SimulationSettings):
     energy drift with 1 or 6."""
 
 
-DEFAULTS = RigidSettings()
-
-
 class RigidSimulation(Simulation):
     """Simulation of a chain in which each spring is a rigid bar of the same rest length.
 
@@ -61,22 +58,7 @@ class RigidSimulation(Simulation):
     ArithmeticError if the bars jam.
     """
 
-    def __init__(
-        self,
-        chain: Chain,
-        angles: Array,
-        rates: Array | None = None,
-        period: float = 0.01,
-        tolerance: float = 1e-11,
-        gravity: Gravity = NO_GRAVITY,
-        fixed: Sequence[int] = (),
-        *,
-        forces: Sequence[Term | TorqueFunction] = (),
-        settings: RigidSettings = DEFAULTS,
-    ) -> None:
-        self._settings = settings
-        start = chain, angles, rates, period, tolerance
-        super().__init__(*start, gravity, fixed, forces=forces, settings=settings)
+    _settings = RigidSettings()
 
     @property
     def link_torques(self) -> Array:
@@ -148,16 +130,19 @@ class RigidSimulation(Simulation):
             dissipated = motion.add_loads(torques, time, state[:rotors], rates)
             return np.concatenate([rates, [mode @ torques, dissipated]])
 
-        solver = scipy_solver(DOP853, derivative, state, self._tolerances(), longest_step)
-        return solver, longest_step
-
-    def _tolerances(self) -> Array:
-        chain = self.chain
-        rotors = chain.number_of_rotors
         of_angles = np.full(rotors, self.tolerance / math.sqrt(rotors))
         energy = max(self._energy_scale(), float(np.finfo(np.float64).tiny))
         of_rest = [self.tolerance * math.sqrt(energy), self.tolerance * energy]
-        return np.concatenate([of_angles, of_rest])
+        solver = DOP853(
+            derivative,
+            0.0,
+            state,
+            np.inf,
+            longest_step,
+            rtol=SMALLEST_RELATIVE_TOLERANCE,
+            atol=np.concatenate([of_angles, of_rest]),
+        )
+        return solver, longest_step
 
     def _after_step(self) -> None:
         state = self._solver.y
@@ -196,7 +181,7 @@ class RigidSimulation(Simulation):
 
     def _excess_energy(self, angles: Array, speed: float, dissipated: float) -> float:
         potential = self.motion.external_energy(angles)
-        work = self._work + work_of_torques(self.torques, angles - self._held_from)
+        work = self._work + self._work_of_torques(angles)
         lost = self._dissipated_before + self._dissipated_at(angles, dissipated)
         return speed**2 / 2 + potential - work + lost
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,7 +14,6 @@ from scipy.integrate import OdeSolver
 from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion, checked_rotors
 from soliton_linkage.dynamics.motor_controllers import MotorControllers
 from soliton_linkage.dynamics.terms import Term, TorqueFunction
-from soliton_linkage.dynamics.work import work_of_kick, work_of_torques
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
 from soliton_linkage.linkage.recording import Recording
@@ -32,9 +31,6 @@ class SimulationSettings:
     """Largest number of solver steps per frame, divided by 1 + `period` / `Chain.time_unit`."""
 
 
-DEFAULTS = SimulationSettings()
-
-
 class Simulation(ABC):
     """Simulation of a chain with gravity, applied torques, kicks and the chain's own force terms.
 
@@ -50,6 +46,8 @@ class Simulation(ABC):
     f(time, angles, rates) -> torques [N m]. Raises ValueError for invalid arguments.
     """
 
+    _settings = SimulationSettings()
+
     def __init__(
         self,
         chain: Chain,
@@ -61,7 +59,7 @@ class Simulation(ABC):
         fixed: Sequence[int] = (),
         *,
         forces: Sequence[Term | TorqueFunction] = (),
-        settings: SimulationSettings = DEFAULTS,
+        settings: SimulationSettings | None = None,
     ) -> None:
         if not (math.isfinite(period) and period > 0):
             raise ValueError(f'period = {period} s must be a finite number above 0')
@@ -74,7 +72,7 @@ class Simulation(ABC):
         self.fixed = checked_rotors(chain, fixed)
         self.forces = tuple(forces)
         self._equation: EquationOfMotion | None = None
-        self._most_steps = settings.max_steps
+        self._settings = settings or self._settings
         self.frame = 0
         given = chain.check_angles(angles).copy()
         moving = np.zeros_like(given) if rates is None else chain.check_angles(rates, 'rate')
@@ -132,7 +130,7 @@ class Simulation(ABC):
         """
         change = self.motion.external_energy(self.angles) - self._external_at_start
         self._largest_energy = max(self._largest_energy, self._motion_and_springs(), abs(change))
-        expected = self._work + self._work_of_torques() - self.dissipated
+        expected = self._work + self._work_of_torques(self.angles) - self.dissipated
         return (self.energy - expected) / self._largest_energy
 
     def kick(self, impulses: Array) -> None:
@@ -141,7 +139,7 @@ class Simulation(ABC):
         with np.errstate(over='ignore', invalid='ignore'):
             rates = self.rates + checked / self.chain.moments_of_inertia
             _, rates = self._allowed(self.angles, rates)
-            gained = work_of_kick(checked, self.rates, rates)
+            gained = float(np.add.reduce(checked * (self.rates + rates))) / 2
         if not math.isfinite(gained):
             rotor = int(np.argmax(np.abs(checked)))
             raise ValueError(
@@ -159,7 +157,7 @@ class Simulation(ABC):
         checked = self.chain.check_angles(torques, 'torque')
         if np.array_equal(checked, self.torques):
             return
-        self._work += self._work_of_torques()
+        self._work += self._work_of_torques(self.angles)
         self._held_from = self.angles
         self.torques = checked.copy()
         self._restart()
@@ -205,7 +203,7 @@ class Simulation(ABC):
             self._stale = False
         complaint = self._solver.step()
         self._steps += 1
-        if self._steps > self._most_steps * (1 + self.period / self._time_unit):
+        if self._steps > self._settings.max_steps * (1 + self.period / self._time_unit):
             complaint = f'the next frame takes more than {self._steps - 1} steps'
         if complaint:
             raise self._stuck(complaint)
@@ -279,12 +277,13 @@ class Simulation(ABC):
         elastic = self.chain.elastic_energy(self.angles)
         return float(elastic + self.chain.kinetic_energy(self.rates))
 
-    def _work_of_torques(self) -> float:
-        return work_of_torques(self.torques, self.angles - self._held_from)
+    def _work_of_torques(self, angles: Array) -> float:
+        """Return the work of `torques` since the last `hold`, up to given angles [J]."""
+        return float(self.torques @ (angles - self._held_from))
 
     def _dissipated_at(self, angles: Array, dissipated: float) -> float:
         """Return `dissipated` [J] minus the work of the feedback torques since the restart [J]."""
-        return dissipated - work_of_torques(self.feedback_torques, angles - self._feedback_from)
+        return dissipated - float(self.feedback_torques @ (angles - self._feedback_from))
 
     def _feedback(self) -> Array:
         if self._controllers is None:
@@ -316,22 +315,3 @@ class Simulation(ABC):
         self._dissipated, self._feedback_from = 0.0, self.angles
         self._batch = np.empty((0, 0))
         self._stale = True
-
-
-def scipy_solver(
-    method: type[OdeSolver],
-    right_hand_side: Callable[[float, Array], Array],
-    state: Array,
-    tolerances: Array,
-    longest_step: float,
-) -> OdeSolver:
-    """Return a solver of scipy without end time, with absolute tolerances and a longest step."""
-    return method(
-        right_hand_side,
-        0.0,
-        state,
-        np.inf,
-        rtol=SMALLEST_RELATIVE_TOLERANCE,
-        atol=tolerances,
-        max_step=longest_step,
-    )

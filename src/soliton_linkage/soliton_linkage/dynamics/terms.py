@@ -72,8 +72,11 @@ class CompiledTerm(Term):
     """Term with a compiled kernel, which reads the rates if dissipative, otherwise the angles."""
 
     kind: int
-    rows: Array
-    """Parameters of the kernel, (parameters, N), or (parameters, 1) if all rotors are equal."""
+
+    def __init__(self, *rows: Array) -> None:
+        self.rows = np.array(rows)
+        """Parameters of the kernel, (parameters, N), or (parameters, 1) if all rotors are equal.
+        """
 
     def add(self, torques: Array, time: float, angles: Array, rates: Array) -> float:
         """Add the torques of the kernel; return the dissipated power [W]."""
@@ -91,7 +94,7 @@ class SpringTorques(CompiledTerm):
         squares, count = chain.rest_lengths**2, chain.number_of_springs
         left = chain.rotor_lengths[:count]
         right = np.roll(chain.rotor_lengths, -1)[:count]
-        self.rows = np.zeros((7, chain.number_of_rotors))
+        super().__init__(*np.zeros((7, chain.number_of_rotors)))
         self.rows[0] = 1.0
         self.rows[:, :count] = (
             1 + chain.offsets / squares,
@@ -116,7 +119,7 @@ class Weights(CompiledTerm):
     def __init__(self, chain: Chain, gravity: Gravity) -> None:
         self._chain, self._gravity = chain, gravity
         weights = gravity.acceleration * chain.masses * chain.rotor_lengths
-        self.rows = np.outer([math.cos(gravity.tilt), math.sin(gravity.tilt)], weights)
+        super().__init__(math.cos(gravity.tilt) * weights, math.sin(gravity.tilt) * weights)
 
     def energy(self, angles: Array) -> float:
         """Return the sum of g M r cos(phi + tilt) [J]."""
@@ -124,21 +127,15 @@ class Weights(CompiledTerm):
 
 
 class HeldTorques(CompiledTerm):
-    """Constant torques `held` [N m], shape (N,)."""
+    """Constant torques; the argument contains the torques [N m], shape (N,)."""
 
     kind = CONSTANT
 
-    def __init__(self, held: Array) -> None:
-        self.rows = held[np.newaxis]
-
 
 class LinearDamping(CompiledTerm):
-    """Torques -c phi_dot of linear damping; `dampings` is c [N m s/rad], shape (N,)."""
+    """Torques -c phi_dot of linear damping; the argument is c [N m s/rad], shape (N,)."""
 
     kind, dissipative = LINEAR_DAMPING, True
-
-    def __init__(self, dampings: Array) -> None:
-        self.rows = dampings[np.newaxis]
 
 
 class DryFriction(CompiledTerm):
@@ -156,16 +153,13 @@ class DryFriction(CompiledTerm):
                 f'{regularisation} rad/s above 0'
             )
         torques = np.atleast_1d(np.asarray(torque, dtype=np.float64))
-        self.rows = np.array([torques, np.full_like(torques, 1 / regularisation)])
+        super().__init__(torques, np.full_like(torques, 1 / regularisation))
 
 
 class QuadraticDamping(CompiledTerm):
-    """Torques -c phi_dot abs(phi_dot); `dampings` is c [N m s^2/rad^2], shape (N,)."""
+    """Torques -c phi_dot abs(phi_dot); the argument is c [N m s^2/rad^2], shape (N,)."""
 
     kind, dissipative = QUADRATIC_DAMPING, True
-
-    def __init__(self, dampings: Array) -> None:
-        self.rows = dampings[np.newaxis]
 
 
 class OnSitePotential(CompiledTerm):
@@ -180,13 +174,8 @@ class OnSitePotential(CompiledTerm):
 
     def __init__(self, chain: Chain) -> None:
         signs, order = chain.signs, chain.on_site_order
-        self.rows = np.array(
-            [
-                signs * chain.on_site_torques,
-                signs * order,
-                order * ((1 - signs) * math.pi / 2 - chain.on_site_phase),
-            ]
-        )
+        phases = order * ((1 - signs) * math.pi / 2 - chain.on_site_phase)
+        super().__init__(signs * chain.on_site_torques, signs * order, phases)
 
     def energy(self, angles: Array) -> float:
         """Return the potential energy V [J]."""
@@ -207,9 +196,9 @@ class NonReciprocal(CompiledTerm):
     kind, active = NON_RECIPROCAL, True
 
     def __init__(self, chain: Chain) -> None:
-        self.rows = np.zeros((2, chain.number_of_rotors))
-        self.rows[0, : chain.number_of_springs] = chain.non_reciprocities
-        self.rows[1] = -chain.signs[1]
+        strengths = np.zeros(chain.number_of_rotors)
+        strengths[: chain.number_of_springs] = chain.non_reciprocities
+        super().__init__(strengths, np.full_like(strengths, -chain.signs[1]))
 
 
 class AppliedFunction(Term):
@@ -277,12 +266,8 @@ def sum_terms(work: Array, rotors: int, kinds: NDArray[np.int64], parameters: Ar
             _add_weights(work, parameters, first)
         elif kind == CONSTANT:
             _add_constants(work, parameters, first)
-        elif kind == LINEAR_DAMPING:
-            power += _add_damping(work, parameters, first)
-        elif kind == DRY_FRICTION:
-            power += _add_dry_friction(work, parameters, first)
-        elif kind == QUADRATIC_DAMPING:
-            power += _add_quadratic_damping(work, parameters, first)
+        elif kind in (LINEAR_DAMPING, DRY_FRICTION, QUADRATIC_DAMPING):
+            power += _add_friction(work, kind, parameters, first)
         elif kind == ON_SITE:
             _add_on_site(work, parameters, first)
         elif kind == NON_RECIPROCAL:
@@ -364,31 +349,17 @@ def _add_constants(work: Array, rows: Array, first: int) -> None:
 
 
 @inlined
-def _add_damping(work: Array, rows: Array, first: int) -> float:
+def _add_friction(work: Array, kind: int, rows: Array, first: int) -> float:
     power = 0.0
     for n in range(rows.shape[1]):
-        friction = rows[first, n] * work[RATES, n]
-        power += friction * work[RATES, n]
-        work[TORQUES, n] -= friction
-    return power
-
-
-@inlined
-def _add_dry_friction(work: Array, rows: Array, first: int) -> float:
-    power = 0.0
-    for n in range(rows.shape[1]):
-        friction = rows[first, n] * math.tanh(rows[first + 1, n] * work[RATES, n])
-        power += friction * work[RATES, n]
-        work[TORQUES, n] -= friction
-    return power
-
-
-@inlined
-def _add_quadratic_damping(work: Array, rows: Array, first: int) -> float:
-    power = 0.0
-    for n in range(rows.shape[1]):
-        friction = rows[first, n] * work[RATES, n] * abs(work[RATES, n])
-        power += friction * work[RATES, n]
+        rate = work[RATES, n]
+        if kind == DRY_FRICTION:
+            friction = rows[first, n] * math.tanh(rows[first + 1, n] * rate)
+        elif kind == QUADRATIC_DAMPING:
+            friction = rows[first, n] * rate * abs(rate)
+        else:
+            friction = rows[first, n] * rate
+        power += friction * rate
         work[TORQUES, n] -= friction
     return power
 

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Work of impulses and torques on a chain.
 
-A kick with the impulses J does the work J^T (phi_dot before + phi_dot after) / 2. Constant torques
-tau do the work tau^T (phi(t_1) - phi(t_0)) from t_0 to t_1, whatever the motion is.
+Constant torques tau do the work tau^T (phi(t_1) - phi(t_0)) from t_0 to t_1, whatever the motion.
 """
 
 from __future__ import annotations
@@ -14,11 +13,6 @@ import numpy as np
 from soliton_linkage.linkage.chain import Array, Chain
 
 
-def work_of_kick(impulses: Array, before: Array, after: Array) -> float:
-    """Return the work [J] of impulses [N m s] from the rates before and after [rad/s], (N,)."""
-    return float(np.add.reduce(impulses * (before + after))) / 2
-
-
 def work_of_impulse(chain: Chain, rates: Array, impulses: Array) -> float:
     """Return the work [J] of impulses J [N m s], shape (N,), on the rotors of a chain of springs.
 
@@ -26,11 +20,6 @@ def work_of_impulse(chain: Chain, rates: Array, impulses: Array) -> float:
     J^T phi_dot + sum_n J_n^2 / (2 I_n).
     """
     return float(impulses @ (rates + impulses / (2 * chain.moments_of_inertia)))
-
-
-def work_of_torques(torques: Array, turned: Array) -> float:
-    """Return the work [J] of torques [N m] on rotors that turn by angles [rad], shape (N,)."""
-    return float(torques @ turned)
 
 
 @dataclass(frozen=True)
@@ -51,20 +40,16 @@ class TorqueLedger:
     """Sum of `TorqueTotals` over frames, with torques that are constant between frames."""
 
     def __init__(self, number_of_rotors: int) -> None:
-        self._totals = TorqueTotals(np.zeros(number_of_rotors), 0.0, 0.0, 0.0)
-
-    @property
-    def totals(self) -> TorqueTotals:
+        self.totals = TorqueTotals(np.zeros(number_of_rotors), 0.0, 0.0, 0.0)
         """Totals of all torques that have been added."""
-        return self._totals
 
     def add(self, torques: Array, turned: Array, time: float) -> None:
         """Add torques [N m] that acted for a time [s] while the rotors turned by angles [rad]."""
-        before = self._totals
+        before = self.totals
         norm = float(np.linalg.norm(torques))
-        self._totals = TorqueTotals(
+        self.totals = TorqueTotals(
             before.impulse + torques * time,
-            before.work + work_of_torques(torques, turned),
+            before.work + float(torques @ turned),
             max(before.peak_torque, norm),
             before.duration + time * (norm > 0),
         )

@@ -9,7 +9,7 @@ angle, so that the compiler can vectorise all loops. The array `work` has the ro
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,10 +61,6 @@ class Forces(NamedTuple):
     """Whether there is an active term (see `Term.active`), which is the last one in `kinds`."""
 
 
-PlainForces = tuple[Numbers, Array, Numbers, Array, Array, Array, bool]
-"""Fields of `Forces` in a plain tuple, which numba converts three times as fast."""
-
-
 class Step(NamedTuple):
     """Durations and damping coefficients of a step of a given length."""
 
@@ -77,10 +73,6 @@ class Step(NamedTuple):
     damping. The first index is 0 for half a step and 1 for a whole step. The elements with the
     second index 0 are the rate after a drift divided by the rate before it [1]. The elements with
     the second index 1 are the rotation in the drift divided by the rate before it [s]."""
-
-
-PlainStep = tuple[Array, Array, Array]
-"""Fields of `Step`."""
 
 
 class Checks(NamedTuple):
@@ -98,8 +90,8 @@ class Checks(NamedTuple):
     """Indices of the steps whose error is measured; the first step has the index 1."""
 
 
-PlainChecks = tuple[Array, float, Numbers]
-"""Fields of `Checks`."""
+Fields = tuple[Any, ...]
+"""Fields of a named tuple in a plain tuple, which numba converts three times as fast."""
 
 
 @inlined
@@ -257,11 +249,7 @@ def store(states: Array, row: int, work: Array, rotors: int, dissipated: float) 
 
 @compile_loop
 def advance(
-    work: Array,
-    plain_forces: PlainForces,
-    plain_step: PlainStep,
-    plain_checks: PlainChecks,
-    states: Array,
+    work: Array, plain_forces: Fields, plain_step: Fields, plain_checks: Fields, states: Array
 ) -> tuple[int, float]:
     """Fill states[1:] with the state after each step; return number of steps and largest error.
 
@@ -296,8 +284,8 @@ def advance(
 @compile_loop
 def interpolate(
     work: Array,
-    plain_forces: PlainForces,
-    plain_step: PlainStep,
+    plain_forces: Fields,
+    plain_step: Fields,
     states: Array,
     circular: Array,
     times: Array,

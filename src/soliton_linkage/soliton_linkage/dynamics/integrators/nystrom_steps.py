@@ -29,8 +29,8 @@ from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion
 from soliton_linkage.dynamics.integrators.nystrom_loops import (
     WORK_ROWS,
     Checks,
+    Fields,
     Numbers,
-    PlainStep,
     advance,
     interpolate,
 )
@@ -201,7 +201,7 @@ class NystromSteps:
         interpolate(self._between, self._forces, step, states, circular, times, output)
         return output
 
-    def _prepare(self, length: float) -> PlainStep:
+    def _prepare(self, length: float) -> Fields:
         if length != self._prepared:
             self._prepared = length
             self._step = length * DRIFTS, length * KICKS, self._decays(length)

@@ -85,9 +85,10 @@ class SymplecticNystrom(OdeSolver):
         self._settings = settings
         self._check_state()
         self._relative, self._absolute = _checked_tolerances(rtol, atol, self.n)
-        self._max_step = float(_checked_positive('max_step', max_step))
-        if first_step is not None:
-            _checked_positive('first_step', first_step)
+        for name, step in (('max_step', max_step), ('first_step', first_step)):
+            if step is not None and not step > 0:
+                raise ValueError(f'{name} = {step} s must be above 0')
+        self._max_step = float(max_step)
         if together is not None and together < 1:
             raise ValueError(f'together = {together} must be a number of steps, 1 or more')
         self.together = together or max(1, settings.rotors_per_call // fun.rotors)
@@ -238,9 +239,3 @@ def _checked_tolerances(rtol: float, atol: ArrayLike, size: int) -> tuple[float,
         raise ValueError(f'rtol = {rtol} and atol = {absolute} must not both be 0')
     # Return a float, because numba would compile the loops again for an integer.
     return float(rtol), np.full(size, absolute) if absolute.ndim == 0 else absolute
-
-
-def _checked_positive(name: str, value: float) -> float:
-    if not value > 0:
-        raise ValueError(f'{name} = {value} s must be above 0')
-    return value
