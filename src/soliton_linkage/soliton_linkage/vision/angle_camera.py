@@ -21,10 +21,10 @@ from soliton_linkage.vision.assignment import HIDDEN, assign_dots
 from soliton_linkage.vision.camera import Camera
 from soliton_linkage.vision.dot_errors import DotMeasurements, ErrorScale, RepeatDetector
 from soliton_linkage.vision.dots import Dots, find_dots
-from soliton_linkage.vision.frame_markers import FEWEST_DOTS, FrameMarkers
+from soliton_linkage.vision.frame_markers import FrameMarkers
 from soliton_linkage.vision.layout import DOT_SHARE, MarkerLayout
-from soliton_linkage.vision.opencv import Picture, opencv
-from soliton_linkage.vision.plane import ChainPlane
+from soliton_linkage.vision.opencv import Picture
+from soliton_linkage.vision.plane import MIN_POINTS, ChainPlane
 from soliton_linkage.vision.rotor_tracks import Pivots, RotorTracks
 
 _DOT_DEVIATION = 0.7
@@ -68,16 +68,6 @@ def hidden_frame(rotors: int, delay: float, status: str) -> AngleFrame:
     return AngleFrame(delay, none, none.copy(), nowhere, nowhere.copy(), np.zeros((0, 2)), status)
 
 
-def check_picture(camera: Camera, picture: Picture) -> None:
-    """Raise ValueError unless a picture has the size that the camera parameters state."""
-    size = (camera.height, camera.width)
-    if picture.dtype != np.uint8 or picture.shape not in (size, (*size, 3)):
-        raise ValueError(
-            f'picture of {picture.dtype} and shape {picture.shape} does not match the camera, '
-            f'which needs uint8 and shape {size} or {(*size, 3)}; check the calibration file'
-        )
-
-
 class AngleCamera:
     """Measurement of the angles of a chain that carries the markers of a layout."""
 
@@ -98,12 +88,10 @@ class AngleCamera:
 
         Raises ValueError if the size of the picture differs from the camera parameters.
         """
-        check_picture(self._camera, picture)
-        cv2 = opencv()
-        grey = picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
+        grey = self._camera.checked_grey(picture)
         if not self.frame_markers.update(grey):
             return self._hidden(
-                f'{self.frame_markers.seen} dots of frame markers are visible, and {FEWEST_DOTS} '
+                f'{self.frame_markers.seen} dots of frame markers are visible, and {MIN_POINTS} '
                 'are needed; show two or more complete markers, sharp and well lit'
             )
         plane = self.frame_markers.plane
@@ -241,6 +229,5 @@ class AngleCamera:
         return np.asarray(time + camera.exposure / 2 + camera.row_time * pixels[:, 1])
 
     def _hidden(self, status: str) -> AngleFrame:
-        delay = self._camera.exposure / 2 + self._camera.row_time * self._camera.height / 2
-        dots = self.frame_markers.centres
-        return replace(hidden_frame(self._rotors, delay, status), frame_dots=dots)
+        frame = hidden_frame(self._rotors, self._camera.middle_delay, status)
+        return replace(frame, frame_dots=self.frame_markers.centres)

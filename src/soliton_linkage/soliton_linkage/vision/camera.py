@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from soliton_linkage.linkage.chain import Array
-from soliton_linkage.vision.opencv import Picture, opencv
+from soliton_linkage.vision.opencv import Picture, grey_picture, opencv
 
 _MAX_PIXELS = 32_768
 """Largest accepted width and height of a picture [pixels]; no sensor has more."""
@@ -75,6 +75,21 @@ class Camera:
             )
         if min(self.row_time, self.exposure) < 0:
             raise ValueError('row_time and exposure of a camera must be 0 s or more')
+
+    @property
+    def middle_delay(self) -> float:
+        """Time from the start of the exposure to the middle of that of the middle row [s]."""
+        return self.exposure / 2 + self.row_time * self.height / 2
+
+    def checked_grey(self, picture: Picture) -> Picture:
+        """Return a picture in grey; raise ValueError if it has not the size of the camera."""
+        size = (self.height, self.width)
+        if picture.dtype != np.uint8 or picture.shape not in (size, (*size, 3)):
+            raise ValueError(
+                f'picture of {picture.dtype} and shape {picture.shape} does not match the camera, '
+                f'which needs uint8 and shape {size} or {(*size, 3)}; check the calibration file'
+            )
+        return grey_picture(picture)
 
     def rays(self, pixels: Array) -> Array:
         """Return the rays (x, y) that the lens maps to given pixels, (..., 2)."""
@@ -166,7 +181,6 @@ def calibrate(pictures: Iterable[Picture], columns: int, rows: int, square: floa
 
 
 def _chessboard_corners(picture: Picture, columns: int, rows: int) -> Array | None:
-    cv2 = opencv()
-    grey = picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
+    cv2, grey = opencv(), grey_picture(picture)
     found, corners = cv2.findChessboardCornersSB(grey, (columns, rows), cv2.CALIB_CB_EXHAUSTIVE)
     return np.asarray(corners, dtype=np.float64).reshape(-1, 2) if found else None

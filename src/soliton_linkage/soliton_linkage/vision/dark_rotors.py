@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soliton_linkage.linkage.chain import Array
-from soliton_linkage.vision.angle_camera import AngleFrame, check_picture, hidden_frame
+from soliton_linkage.vision.angle_camera import AngleFrame, hidden_frame
 from soliton_linkage.vision.camera import Camera
 from soliton_linkage.vision.dot_errors import FadingMeanSquare
 from soliton_linkage.vision.layout import MarkerLayout
@@ -69,11 +69,8 @@ class DarkRotors:
 
         Raises ValueError if the size of the picture differs from the camera parameters.
         """
-        check_picture(self._camera, picture)
-        cv2 = opencv()
-        grey = picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
-        bars = _bars(grey)
-        delay = self._camera.exposure / 2 + self._camera.row_time * self._camera.height / 2
+        bars = _bars(self._camera.checked_grey(picture))
+        delay = self._camera.middle_delay
         if self._pivots is None and len(bars.middles) != self._rotors:
             return hidden_frame(
                 self._rotors,

@@ -64,8 +64,8 @@ class FadingMeanSquare:
 
     def add(self, values: Array, expected: float = 1.0) -> None:
         """Add the values of one picture, (K,), except for outliers."""
-        valid = values[np.isfinite(values)]
-        valid = valid[valid**2 < _MAX_VALUE**2 * self.value(expected)]
+        # The comparison also excludes NaN.
+        valid = values[values**2 < _MAX_VALUE**2 * self.value(expected)]
         self._squares = _faded(self._squares) + float(valid @ valid)
         self._count = _faded(self._count) + len(valid)
 
@@ -126,7 +126,7 @@ class ErrorScale:
     def __init__(self, rotors: int) -> None:
         self._resting, self._moving, self._jumps = (FadingMeanSquare() for _ in range(3))
         self._dead_zone = DeadZone(rotors)
-        self._repeats, self._before = np.zeros(rotors), np.full(rotors, np.nan)
+        self._before = np.full(rotors, np.nan)
 
     def update(self, dots: DotMeasurements, constant: float = 0.0) -> Array:
         """Add a picture; return the ratio for each of its dots [1], (N,).
@@ -150,10 +150,9 @@ class ErrorScale:
         return np.sqrt(np.where(dots.repeated, jumps, updated))
 
     def _add_jumps(self, dots: DotMeasurements) -> None:
-        jumps = (dots.angles - self._before) / dots.noise
-        ended = (self._repeats > 0) & ~dots.repeated & np.isfinite(jumps)
-        self._jumps.add_weighted(jumps[ended], self._repeats[ended])
-        self._repeats = np.where(dots.repeated, self._repeats + 1, 0.0)
+        jumps, repeats = (dots.angles - self._before) / dots.noise, self._dead_zone.repeats
+        ended = (repeats > 0) & ~dots.repeated & np.isfinite(jumps)
+        self._jumps.add_weighted(jumps[ended], repeats[ended])
         self._before = dots.angles
 
 
@@ -165,7 +164,8 @@ class DeadZone:
         self._angles = np.full((_ORDER + 1, rotors), np.nan)
         self._length_errors = np.full((_ORDER + 1, rotors), np.nan)
         self._along, self._across, self._across_difference = (FadingMeanSquare() for _ in range(3))
-        self._repeats = np.zeros(rotors)
+        self.repeats = np.zeros(rotors)
+        """Number of successive repetitions of each dot [1], (N,)."""
         self._first, self._moved = np.full(rotors, np.nan), np.zeros(rotors, dtype=bool)
         self._log_repeats = self._ended = 0.0
         self._since = MEMORY
@@ -177,10 +177,10 @@ class DeadZone:
 
     def add_repeated(self, repeated: NDArray[np.bool_], seen: NDArray[np.bool_]) -> None:
         """Add a picture, with flags of the repeated and of the visible dots, shape (N,) each."""
-        ended = self._repeats[(self._repeats > 0) & ~repeated & seen]
+        ended = self.repeats[(self.repeats > 0) & ~repeated & seen]
         self._log_repeats = _faded(self._log_repeats) + float(np.log(ended).sum())
         self._ended = _faded(self._ended) + len(ended)
-        self._repeats = np.where(repeated, self._repeats + 1, 0.0)
+        self.repeats = np.where(repeated, self.repeats + 1, 0.0)
         self._since = 0 if repeated.any() and (seen & ~repeated).any() else self._since + 1
 
     def add(self, dots: DotMeasurements, jumps: float) -> None:
@@ -212,7 +212,7 @@ class DeadZone:
         along = self._along.value(jumps)
         along *= max(1.0, self._across.value() / self._across_difference.value())
         usual = math.exp(self._log_repeats / max(self._ended, 1.0))
-        repeats = np.where(self._moved, 0.0, self._repeats)
+        repeats = np.where(self._moved, 0.0, self.repeats)
         return resting + np.maximum(along - resting, 0.0) / (1 + repeats / usual)
 
 

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import erfc
 
-from soliton_linkage.compiling import b1, compile_loop, compiled, const_u1_2d, f8_1d, f8_2d
+from soliton_linkage.compiling import b1, compiled, const_u1_2d, f8_1d, f8_2d, inlined
 from soliton_linkage.linkage.chain import Array
 
 _BLUR = 0.6
@@ -77,7 +77,8 @@ def begin_loop(grey: NDArray[np.uint8], dot: Array, state: Array) -> None:
     state[6], state[7] = dot[2], _BLUR
 
 
-def _cover(
+@inlined
+def cover_of_dot(
     x: float, y: float, offsets: int, dot: Array, radius: float, blur: float
 ) -> tuple[float, float, float, float, float]:
     """Return the covered share T of the pixel at (x, y), and its derivatives by x, y, R and b.
@@ -106,30 +107,6 @@ def _cover(
             by_x += edge * (across * sxx + up * syx) / distance
             by_y += edge * (across * sxy + up * syy) / distance
     return cover / offsets, by_x, by_y, by_radius, by_blur
-
-
-def _add_pixel(
-    weight: float,
-    left: float,
-    derivatives: Array,
-    normal: Array,
-    right: Array,
-    squared: Array,
-    last: bool,
-) -> None:
-    for i in range(_PARAMETERS):
-        weighted = weight * derivatives[i]
-        right[i] += weighted * left
-        for j in range(i, _PARAMETERS):
-            normal[i, j] += weighted * derivatives[j]
-    if last:
-        for i in range(_PARAMETERS):
-            for j in range(i, _PARAMETERS):
-                squared[i, j] += weight * weight * derivatives[i] * derivatives[j]
-
-
-cover_of_dot = compile_loop(_cover, inlined=True)
-add_pixel = compile_loop(_add_pixel, inlined=True)
 
 
 @compiled(const_u1_2d, f8_1d, f8_1d, f8_2d, f8_1d, f8_2d, b1)
@@ -180,7 +157,13 @@ def normal_loop(
             left = float(grey[row, column]) - bare * lit
             squares += weight * left * left
             count += weight
-            add_pixel(weight, left, derivatives, normal, right, squared, last)
+            for i in range(_PARAMETERS):
+                weighted = weight * derivatives[i]
+                right[i] += weighted * left
+                for j in range(i, _PARAMETERS):
+                    normal[i, j] += weighted * derivatives[j]
+                    if last:
+                        squared[i, j] += weight * weight * derivatives[i] * derivatives[j]
     for i in range(_PARAMETERS):
         normal[i, i] *= 1.0 + 1e-9
     return squares, count

@@ -18,7 +18,7 @@ from soliton_linkage.vision.dot_fit import fit_dots
 from soliton_linkage.vision.dots import MIN_CONTRAST
 from soliton_linkage.vision.layout import DICTIONARY, DOT_SHARE, MarkerLayout
 from soliton_linkage.vision.opencv import Picture, opencv
-from soliton_linkage.vision.plane import ChainPlane, fit_plane
+from soliton_linkage.vision.plane import MIN_POINTS, ChainPlane, fit_plane
 
 
 class PlacingErrors:
@@ -61,8 +61,6 @@ _MAX_PICTURES = 1000
 slow motions of the frame."""
 _FIT_PERIOD = 30
 """The plane is fitted in each of this many first pictures, and then once per so many pictures."""
-FEWEST_DOTS = 6
-"""Smallest number of dots that defines a plane and its residual."""
 _MOTION_THRESHOLD = 6.0
 """The camera counts as moved if the mean shift of the dots is larger than this [standard
 deviations] and also larger than `_MIN_MOTION`."""
@@ -138,11 +136,12 @@ class FrameMarkers:
         common = np.median(shifts[good], axis=0) if good.any() else np.zeros(2)
         good &= np.hypot(*(shifts - common).T) < max(_MIN_OUTLIER, 6 * self._noise)
         self.seen = int(good.sum())
-        if self.seen < max(FEWEST_DOTS, len(centres) // 2):
-            return self._relocate(grey)
-        mean = float(np.hypot(*shifts[good].mean(axis=0)))
-        if mean > max(_MIN_MOTION, _MOTION_THRESHOLD * self._noise / np.sqrt(self.seen)):
-            return self._relocate(grey)
+        hidden = self.seen < max(MIN_POINTS, len(centres) // 2)
+        mean = 0.0 if hidden else float(np.hypot(*shifts[good].mean(axis=0)))
+        limit = _MOTION_THRESHOLD * self._noise / np.sqrt(max(self.seen, 1))
+        if hidden or mean > max(_MIN_MOTION, limit):
+            self._relocate(grey)
+            return True
         self._pictures = min(self._pictures + 1, _MAX_PICTURES)
         which = np.flatnonzero(self._known)[good]
         self._centres[which] += shifts[good] / self._pictures
@@ -153,7 +152,7 @@ class FrameMarkers:
     def _find(self, grey: Picture) -> bool:
         found = self._detect(grey)
         self.seen = 0
-        if len(found) * 4 < FEWEST_DOTS:
+        if len(found) * 4 < MIN_POINTS:
             return False
         numbers = sorted(found)
         printed = self._layout.frame_corners[numbers]
@@ -164,7 +163,7 @@ class FrameMarkers:
         starts = middles + _print_scale(rough, corners, printed) * (dots - middles)
         centres, good = self._fit_centres(grey, rough, rough.pixels(starts.reshape(-1, 2)))
         self.seen = int(good.sum())
-        if self.seen < FEWEST_DOTS:
+        if self.seen < MIN_POINTS:
             return False
         self._known = good
         self._centres = np.where(good[:, None], centres, np.nan)
@@ -172,7 +171,7 @@ class FrameMarkers:
         self._fit_plane()
         return True
 
-    def _relocate(self, grey: Picture) -> bool:
+    def _relocate(self, grey: Picture) -> None:
         kept = self.plane, self._centres, self._known, self._pictures
         found, distance = self._find(grey), np.nan
         both = kept[2] & self._known
@@ -180,10 +179,9 @@ class FrameMarkers:
             distance = float(np.hypot(*np.median(self._centres[both] - kept[1][both], axis=0)))
         if not found or distance < _MIN_MOTION:
             self.plane, self._centres, self._known, self._pictures = kept
-            return True
-        self.moves += 1
-        self.shift = distance
-        return True
+        else:
+            self.moves += 1
+            self.shift = distance
 
     def _find_more(self, grey: Picture) -> bool:
         kept = self.plane, self._centres, self._known, self._pictures

@@ -23,6 +23,12 @@ def pyav() -> ModuleType:
     return _imported('av', 'films need PyAV', 'av', 'av')
 
 
+def grey_picture(picture: Picture) -> Picture:
+    """Return a picture in grey, (height, width)."""
+    cv2 = opencv()
+    return picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
+
+
 def _imported(name: str, need: str, wheel: str, package: str) -> ModuleType:
     try:
         return import_module(name)

@@ -21,7 +21,7 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage.vision.camera import Camera
 from soliton_linkage.vision.opencv import opencv
 
-_MIN_POINTS = 6
+MIN_POINTS = 6
 """Smallest number of points that defines a plane and its residual."""
 
 
@@ -100,9 +100,9 @@ def fit_plane(camera: Camera, points: Array, pixels: Array) -> tuple[ChainPlane,
     The residual is the root mean square error of a coordinate. Raises ValueError if the points
     define no plane.
     """
-    if len(points) < _MIN_POINTS:
+    if len(points) < MIN_POINTS:
         raise ValueError(
-            f'{len(points)} dots of frame markers are visible, and {_MIN_POINTS} are needed to '
+            f'{len(points)} dots of frame markers are visible, and {MIN_POINTS} are needed to '
             'define the plane; show two markers or more'
         )
     # OpenCV needs coordinates of the order of 1.

@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -30,8 +31,6 @@ _INCH = 0.0254
 _BOARD = (9, 6, 0.025)
 """Columns and rows of squares of the chessboard, and side of a square [m]."""
 
-_DrawMarker = Callable[[Any, int, Array], None]
-
 
 def write_sheets(layout: MarkerLayout, path: Path, paper: str = 'a4') -> list[Path]:
     """Write the sheets of a chain; return the paths of the files.
@@ -54,59 +53,50 @@ def write_sheets(layout: MarkerLayout, path: Path, paper: str = 'a4') -> list[Pa
 
 
 def _sheets(layout: MarkerLayout, paper: str) -> Iterator[Figure]:
-    def draw_frame_marker(axes: Any, number: int, centre: Array) -> None:
-        _draw_frame_marker(axes, layout, number, centre)
-
-    def draw_pivot(axes: Any, rotor: int, centre: Array) -> None:
-        _draw_label(axes, layout, f'p{rotor}', 0, centre)
-
-    def draw_mass(axes: Any, rotor: int, centre: Array) -> None:
-        _draw_label(axes, layout, f'm{rotor}', int(layout.colours[rotor]), centre)
-
     size, side = layout.paper_size, 2 * layout.label_radius
+    frames = [partial(_draw_frame_marker, layout, n) for n in range(len(layout.frame_centres))]
     title = 'frame markers: x along the chain from pivot 0, z up'
-    frame_centres = _grid(paper, size, f'frame markers of {1e3 * size:.0f} mm')
-    yield from _pages(paper, title, frame_centres, len(layout.frame_centres), draw_frame_marker)
-    label_centres = _grid(paper, side, f'labels of {1e3 * side:.0f} mm')
-    rotors = layout.chain.number_of_rotors
-    yield from _pages(paper, 'pivots: p0, p1, ...', label_centres, rotors, draw_pivot)
-    yield from _pages(paper, 'masses: m0, m1, ...', label_centres, rotors, draw_mass)
+    yield from _pages(
+        paper, title, _grid(paper, size, f'frame markers of {1e3 * size:.0f} mm'), frames
+    )
+    labels = _grid(paper, side, f'labels of {1e3 * side:.0f} mm')
+    colours = layout.colours.tolist()
+    pivots = [partial(_draw_label, layout, f'p{n}', 0) for n in range(len(colours))]
+    masses = [partial(_draw_label, layout, f'm{n}', each) for n, each in enumerate(colours)]
+    yield from _pages(paper, 'pivots: p0, p1, ...', labels, pivots)
+    yield from _pages(paper, 'masses: m0, m1, ...', labels, masses)
     yield _chessboard(paper)
 
 
 def _pages(
-    paper: str, title: str, centres: Array, count: int, draw: _DrawMarker
+    paper: str, title: str, centres: Array, markers: Sequence[Callable[[Any, Array], None]]
 ) -> Iterator[Figure]:
-    for first in range(0, count, len(centres)):
+    for first in range(0, len(markers), len(centres)):
         figure, axes = _sheet(paper, title)
-        for number, centre in zip(range(first, count), centres, strict=False):
-            draw(axes, number, centre)
+        for draw, centre in zip(markers[first:], centres, strict=False):
+            draw(axes, centre)
         yield figure
 
 
-def _draw_frame_marker(axes: Any, layout: MarkerLayout, number: int, centre: Array) -> None:
+def _draw_frame_marker(layout: MarkerLayout, number: int, axes: Any, centre: Array) -> None:
     half = layout.paper_size / 2
     axes.add_patch(_square(centre - half, 2 * half, 'white', '0.8'))
     cell = layout.frame_marker_size / MODULES
     corner = centre + np.array([-1, 1]) * layout.frame_marker_size / 2
-    for row, cells in enumerate(marker_cells(number)):
-        for column, value in enumerate(cells):
-            if not value:
-                # Without the black edge, white hairlines appear between black cells.
-                axes.add_patch(
-                    _square(corner + cell * np.array([column, -row - 1]), cell, 'black', 'black')
-                )
+    for row, column in np.argwhere(marker_cells(number) == 0).tolist():
+        # Without the black edge, white hairlines appear between black cells.
+        low = corner + cell * np.array([column, -row - 1])
+        axes.add_patch(_square(low, cell, 'black', 'black'))
     away = layout.frame_marker_size / 2 + layout.label_radius
     for side in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
-        axes.add_patch(
-            Circle(tuple(centre + away * np.array(side)), layout.dot_radius, color='black', lw=0)
-        )
+        dot = tuple(centre + away * np.array(side))
+        axes.add_patch(Circle(dot, layout.dot_radius, color='black', lw=0))
     x, z = 1e3 * layout.frame_centres[number]
     text = f'frame marker {number}, this side up: centre at x = {x:.6g} mm, z = {z:.6g} mm'
     axes.text(centre[0], centre[1] - half - _GAP / 2, text, ha='center', va='top', fontsize=7)
 
 
-def _draw_label(axes: Any, layout: MarkerLayout, name: str, colour: int, centre: Array) -> None:
+def _draw_label(layout: MarkerLayout, name: str, colour: int, axes: Any, centre: Array) -> None:
     x, y = centre
     edge = {'edgecolor': '0.8', 'facecolor': 'white', 'linewidth': 0.3}
     axes.add_patch(Circle((x, y), layout.label_radius, **edge))
