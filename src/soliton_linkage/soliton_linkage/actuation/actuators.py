@@ -86,10 +86,9 @@ class PneumaticActuator(CheckedQuantities):
         `pressure` is the pressure at `start`; the times [s] are on the time axis of `command`.
         """
         integral = 0.0
-        for line in command.segments(start, end):
-            first, last = float(line.first), float(line.last)
-            slope = (last - first) / line.duration if line.duration else 0.0
-            pressure, share = self.follow(pressure, first, slope, line.duration)
+        for time, first, last in command.segments(start, end):
+            slope = float(last - first) / time if time else 0.0
+            pressure, share = self.follow(pressure, float(first), slope, time)
             integral += share
         return pressure, integral
 

@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 from soliton_linkage.actuation.actuators import Actuator
 from soliton_linkage.actuation.edge_command import EdgeCommand
@@ -18,8 +18,7 @@ _NANOSECONDS = 10**9
 """Nanoseconds per second."""
 
 
-@dataclass(frozen=True)
-class _PendingCommand:
+class _PendingCommand(NamedTuple):
     source: str
     begin: Callable[[float], None]
     command: EdgeCommand | None = None
@@ -103,7 +102,11 @@ class ChainDriver:
         if stamp <= before:
             ended = stamp < before
             if ended:
-                self._drop(stamp)
+                self._pending.clear()
+                self.record.end(stamp, cut_short=True)
+                given = self._drive.edges.actuator, self._drive.joints.timeout
+                self._drive = TorqueDrive(self.chain, *given)
+                self._driving, self._origin = False, None
             raise ValueError(
                 f'joint_states.header.stamp = {stamp} ns must be later than the previous one, '
                 f'{before} ns; {"all torques are dropped" if ended else "stamp each frame"}'
@@ -139,10 +142,3 @@ class ChainDriver:
             if self._drive.active:
                 self.record.begin(stamp, each.source, each.command)
                 self._driving = True
-
-    def _drop(self, stamp: int) -> None:
-        self._pending.clear()
-        self.record.end(stamp, cut_short=True)
-        given = self._drive.edges.actuator, self._drive.joints.timeout
-        self._drive = TorqueDrive(self.chain, *given)
-        self._driving, self._origin = False, None

@@ -218,11 +218,9 @@ class KickRecord:
             if following is not None:
                 following.before = after
         origin = episode.stamp, ', '.join(episode.sources), episode.command
-        time, peak, measured = totals.duration, totals.peak_torque, after is not None
-        saturated, cut_short = episode.saturated, episode.cut_short
-        self._report(
-            KickReport(*origin, time, impulse, work, peak, saturated, cut_short, measured)
-        )
+        given = totals.duration, impulse, work, totals.peak_torque
+        flags = episode.saturated, episode.cut_short, after is not None
+        self._report(KickReport(*origin, *given, *flags))
 
     def _report_impulses(
         self, kicks: list[_Impulse], work: float, measured: bool, rejected: bool = False

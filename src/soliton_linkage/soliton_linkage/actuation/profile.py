@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,19 +17,12 @@ RESOLUTION = 1e-9
 """Resolution of the stamps [s]; a profile has ended if less than this time remains."""
 
 
-@dataclass(frozen=True)
-class Segment:
-    """Linear segment of a profile from `start` to `end` [s], with the values at both instants."""
+class Segment(NamedTuple):
+    """Linear segment of a profile: duration [s], value at the start, and value at the end."""
 
-    start: float
-    end: float
+    duration: float
     first: Array
     last: Array
-
-    @property
-    def duration(self) -> float:
-        """Duration of the segment [s]."""
-        return self.end - self.start
 
 
 @dataclass(frozen=True)
@@ -79,19 +73,18 @@ class Profile:
         first = np.searchsorted(self.times, start, side='right')
         inside = np.unique(self.times[first : np.searchsorted(self.times, end)])
         for left, right in pairwise([start, *inside.tolist(), end]):
-            yield Segment(left, right, self.after(left), self.before(right))
+            yield Segment(right - left, self.after(left), self.before(right))
 
     def integral(self, start: float, end: float) -> Array:
         """Return the exact integral of the value between two instants [s], shape (...)."""
-        lines = self.segments(start, end)
-        areas = [line.duration * (line.first + line.last) / 2 for line in lines]
+        areas = [time * (first + last) / 2 for time, first, last in self.segments(start, end)]
         return np.asarray(np.sum(areas, axis=0))
 
     def mean(self, start: float, end: float) -> Array:
         """Return the exact mean of the value between two instants [s], shape (...)."""
         lines = list(self.segments(start, end))
         length = sum(line.duration for line in lines)
-        means = [line.duration / length * ((line.first + line.last) / 2) for line in lines]
+        means = [time / length * ((first + last) / 2) for time, first, last in lines]
         return np.asarray(np.sum(means, axis=0))
 
     def _between(self, following: int, time: float) -> Array:
@@ -99,9 +92,8 @@ class Profile:
             return np.zeros(self.values.shape[1:])
         if following == len(self.times):
             return np.asarray(self.values[-1])
-        (begin, end), (first, last) = (
-            each[following - 1 : following + 1] for each in (self.times, self.values)
-        )
+        begin, end = self.times[following - 1 : following + 1]
+        first, last = self.values[following - 1 : following + 1]
         return np.asarray(first + (time - begin) / (end - begin) * (last - first))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,14 +25,14 @@ _SIGNS = {Edge.FIRST: 1.0, Edge.LAST: -1.0}
 """Sign of the torque of each edge actuator [1]; +1 moves a wall towards the last rotor."""
 
 
-@dataclass(frozen=True)
-class MeanTorque:
-    """Mean torque of the edge actuators over a time interval."""
+class MeanTorque(NamedTuple):
+    """Mean torque of the edge actuators, and whether a limit reduces the torque of an actuator.
+
+    The `torque` [N m] acts along the unit zero mode, and is positive towards the last rotor.
+    """
 
     torque: float
-    """Mean torque along the unit zero mode, positive towards the last rotor [N m]."""
     saturated: bool
-    """Whether the torque of an actuator is reduced to its limit."""
 
 
 class EdgeDrive:
@@ -127,9 +128,7 @@ class _ActuatorState:
         self._time = time
 
     def _driven(self, start: float, end: float) -> tuple[float, float]:
-        if self._command is AT_REST:
-            return self._actuator.response(self.level, AT_REST, 0.0, end - start)
-        since = start - self._started
+        since = 0.0 if self._command is AT_REST else start - self._started
         return self._actuator.response(self.level, self._command, since, since + end - start)
 
 
@@ -210,14 +209,14 @@ class JointDrive:
         self._commands.append(_Command(rotors, Profile(times, torques), time))
 
 
-@dataclass(frozen=True)
-class DriveTorques:
-    """Torques to apply from one frame to the next."""
+class DriveTorques(NamedTuple):
+    """Torque on each rotor from one frame to the next [N m], shape (N,).
+
+    `saturated` states whether a limit reduced the torque of an edge actuator or of a waveform.
+    """
 
     torques: Array
-    """Torque on each rotor [N m], shape (N,)."""
     saturated: bool
-    """Whether the torque of an edge actuator or of a waveform was reduced to its limit."""
 
 
 class TorqueDrive:

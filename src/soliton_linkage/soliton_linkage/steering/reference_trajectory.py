@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,14 +28,8 @@ _EXTENSION = 1.1
 """The duration is repeatedly multiplied by this, until the trajectory is slow enough [1]."""
 
 
-@dataclass(frozen=True)
-class ReferencePoint:
-    """Reference state of a wall at an instant.
-
-    arc: arc length along the orbit, s [rad].
-    rate: ds/dt [rad/s].
-    acceleration: d2s/dt2 [rad/s^2].
-    """
+class ReferencePoint(NamedTuple):
+    """Reference state of a wall: arc length s [rad], ds/dt [rad/s] and d2s/dt2 [rad/s^2]."""
 
     arc: float
     rate: float

@@ -84,14 +84,10 @@ class WallState:
 
 
 class _Sent(NamedTuple):
-    torques: Array | None
+    torques: Array | None = None
     """Torques sent after one frame [N m], shape (N,); None means 0."""
-    acceleration: float
+    acceleration: float = 0.0
     """Acceleration of the arc length by these torques [rad/s^2]."""
-
-
-_NO_TORQUES = _Sent(None, 0.0)
-"""Entry for a frame after which no torques were sent."""
 
 
 class Steering:
@@ -114,7 +110,7 @@ class Steering:
         self._bandwidth_factor = 1.0
         self._observer = WallObserver(orbit, settings.observer_ratio * self._bandwidth, settings)
         sent = settings.latency + 1
-        self._sent = deque([_NO_TORQUES] * sent, maxlen=sent)
+        self._sent = deque([_Sent()] * sent, maxlen=sent)
         self._trajectory: ReferenceTrajectory | None = None
         self._stopping = False
         self._resting_since: float | None = None
@@ -155,7 +151,7 @@ class Steering:
         self.release()
         self._period, self._bandwidth_factor = math.nan, 1.0
         self._gap_until = self._last = None
-        self._sent.extend([_NO_TORQUES] * len(self._sent))
+        self._sent.extend([_Sent()] * len(self._sent))
         self._observer.reset()
         self._observer.bandwidth = self.settings.observer_ratio * self._bandwidth
 
@@ -208,15 +204,14 @@ class Steering:
         limit = min(speed or math.inf, self.adiabatic_speed) * self.orbit.site_arc
         shortest = self.settings.min_duration / (self._bandwidth / self._bandwidth_factor)
         point = self._reference(estimate)
-        goal = self._nearest_arc(site, point.arc + point.rate * shortest / 2)
+        goal = self._nearest_arc(site, point, shortest)
         trajectory = self._within_reach(goal, estimate, point, limit, shortest)
         rejection = self._out_of_reach(site, estimate, trajectory)
         if rejection is None:
             coupling = self.allocation.min_coupling(estimate.arc, goal)
             self._bandwidth_factor = coupling**_BANDWIDTH_EXPONENT
-            shortest = self.settings.min_duration / self._bandwidth
             self._restarts, self._speed_limit = 0, limit
-            trajectory = self._within_reach(goal, estimate, point, limit, shortest)
+            trajectory = self._within_reach(goal, estimate, point, limit, self._shortest)
             self._begin(trajectory, stopping=False)
         return rejection
 
@@ -225,9 +220,8 @@ class Steering:
         estimate = self._observer.estimate
         if estimate is None or not self._moving:
             return
-        shortest = self.settings.min_duration / self._bandwidth
-        trajectory = trajectory_to_rest(estimate.time, self._reference(estimate), shortest)
-        self._begin(trajectory, stopping=True)
+        point = self._reference(estimate)
+        self._begin(trajectory_to_rest(estimate.time, point, self._shortest), stopping=True)
 
     def release(self) -> None:
         """Release the wall: apply no further torques."""
@@ -238,7 +232,7 @@ class Steering:
         """Return the torques to send after the last frame [N m], shape (N,)."""
         estimate = self._observer.estimate
         if estimate is None or self._trajectory is None:
-            self._sent.append(_NO_TORQUES)
+            self._sent.append(_Sent())
             return np.zeros(self.orbit.chain.number_of_rotors)
         then = estimate
         if math.isfinite(self._period):
@@ -256,6 +250,11 @@ class Steering:
     @property
     def _bandwidth(self) -> float:
         return self._bandwidth_factor * bandwidth(self.orbit, self._period, self.settings)
+
+    @property
+    def _shortest(self) -> float:
+        """Shortest duration of a trajectory [s]."""
+        return self.settings.min_duration / self._bandwidth
 
     def _measure_period(self, elapsed: float) -> None:
         if math.isnan(self._period):
@@ -279,17 +278,14 @@ class Steering:
 
     def _restart(self, followed: ReferenceTrajectory, estimate: WallEstimate) -> None:
         self._restarts += 1
-        shortest = self.settings.min_duration / self._bandwidth
-        point = ReferencePoint(estimate.arc, estimate.rate, 0.0)
+        self._resting_since = None
+        shortest, point = self._shortest, ReferencePoint(estimate.arc, estimate.rate, 0.0)
         if self._stopping:
-            trajectory = trajectory_to_rest(estimate.time, point, shortest)
+            self._trajectory = trajectory_to_rest(estimate.time, point, shortest)
         else:
-            site = self.orbit.site(followed.goal)
-            goal = self._nearest_arc(site, point.arc + point.rate * shortest / 2)
-            trajectory = self._within_reach(goal, estimate, point, self._speed_limit, shortest)
-        moving = self._moving
-        self._begin(trajectory, self._stopping)
-        self._moving = moving
+            goal = self._nearest_arc(self.orbit.site(followed.goal), point, shortest)
+            limit = self._speed_limit
+            self._trajectory = self._within_reach(goal, estimate, point, limit, shortest)
 
     def _within_reach(
         self,
@@ -314,8 +310,12 @@ class Steering:
             return ReferencePoint(estimate.arc, estimate.rate, 0.0)
         return self._trajectory.at(estimate.time)
 
-    def _nearest_arc(self, site: float, arc: float) -> float:
-        """Return the arc length nearest to `arc` [rad] at which a wall is at the site."""
+    def _nearest_arc(self, site: float, point: ReferencePoint, time: float) -> float:
+        """Return the arc length [rad] at a site that is nearest to where a wall comes to rest.
+
+        Starting from a reference point, the wall brakes evenly for a time [s].
+        """
+        arc = point.arc + point.rate * time / 2
         legs = range(self.orbit.number_of_legs)
         distances = [self.orbit.arc_at(site, leg) - arc for leg in legs]
         return arc + min((math.remainder(each, self.orbit.length) for each in distances), key=abs)

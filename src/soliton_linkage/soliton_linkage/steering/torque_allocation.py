@@ -15,7 +15,7 @@ from the edge and the penetration depth ell.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import solveh_banded
@@ -31,20 +31,17 @@ _MIN_COUPLING = 1e-12
 """Actuators count as having no effect if their coupling q is smaller than this [1]."""
 
 
-@dataclass(frozen=True)
-class Effort:
-    """Torque that a force on a wall requires, and the deflection that this torque causes.
+class Effort(NamedTuple):
+    """Largest torque of an actuator [N m], and largest deflection of a rotor [rad].
 
-    torque: largest torque of an actuator [N m].
-    strain: largest deflection of a rotor against the springs [rad]; 0 if all rotors are actuated.
+    The deflection is against the springs; it is 0 if all rotors are actuated.
     """
 
     torque: float
     strain: float
 
 
-@dataclass(frozen=True)
-class Reach:
+class Reach(NamedTuple):
     """Range of site coordinates to which actuators can move a wall [rotor spacings].
 
     Both limits are NaN if the actuators cannot hold the wall at its current position.
@@ -104,7 +101,12 @@ class TorqueAllocation:
         largest = float(np.abs(torques).max())
         if self._everywhere:
             return Effort(largest, 0.0)
-        return Effort(largest, self._strain(arc, torques))
+        chain, angles = self.orbit.chain, self.orbit.configuration(arc)
+        first, second = rigidity_bands(chain, angles)
+        work = first * torques[:-1] + second * torques[1:]
+        tensions = solveh_banded(gram_matrix_bands(first, second), work)
+        strains = min_norm_change(chain, angles, tensions / chain.stiffnesses)
+        return Effort(largest, float(np.abs(strains).max()))
 
     def can_move(self, start: float, goal: float, force: float) -> bool:
         """Return whether a force [N m] can be exerted everywhere between two arc lengths [rad]."""
@@ -152,11 +154,3 @@ class TorqueAllocation:
         actuated = np.where(self._actuated, tangent, 0.0)
         coupling = float(actuated @ actuated)
         return actuated / coupling if coupling > _MIN_COUPLING else 0 * actuated
-
-    def _strain(self, arc: float, torques: Array) -> float:
-        chain = self.orbit.chain
-        angles = self.orbit.configuration(arc)
-        first, second = rigidity_bands(chain, angles)
-        work = first * torques[:-1] + second * torques[1:]
-        tensions = solveh_banded(gram_matrix_bands(first, second), work)
-        return float(np.abs(min_norm_change(chain, angles, tensions / chain.stiffnesses)).max())
