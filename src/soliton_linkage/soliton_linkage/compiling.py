@@ -50,10 +50,6 @@ const_f4_1d = types.Array(types.float32, 1, 'C', readonly=True)
 const_f4_2d = types.Array(types.float32, 2, 'C', readonly=True)
 
 
-unrolled = numba.literal_unroll
-"""Function that makes numba compile each pass of a loop over a tuple of names separately."""
-
-
 def records(dtype: np.dtype[np.void], writable: bool = False) -> Any:
     """Return the numba type of a 1-D structured array."""
     return types.Array(numba.from_dtype(dtype), 1, 'C', readonly=not writable)

@@ -118,9 +118,10 @@ def phonon_energies(chain: Chain, angles: ArrayLike, rates: ArrayLike) -> tuple[
     rigid bars. Raises ValueError for invalid angles [rad] or rates [rad/s], and if no relaxed
     configuration is near.
     """
-    relaxed, displacement = _departure(chain, angles)
+    given = chain.check_angles(angles)
+    relaxed = unstretched(chain, given)
     modes = normal_modes(chain, relaxed)
-    energies = mode_energies(modes, displacement, chain.check_angles(rates, 'rate'))
+    energies = mode_energies(modes, given - relaxed, chain.check_angles(rates, 'rate'))
     return modes.frequencies, energies
 
 
@@ -134,20 +135,15 @@ def phonon_energy(chain: Chain, angles: ArrayLike, rates: ArrayLike) -> float:
     moving wall. If there are several walls, only their common motion along t is excluded. With
     periodic ends, E is the total energy. Raises the same errors as `phonon_energies`.
     """
-    relaxed, displacement = _departure(chain, angles)
+    given = chain.check_angles(angles)
+    relaxed = unstretched(chain, given)
     left = chain.check_angles(rates, 'rate')
     if not chain.periodic:
         mode = zero_mode(chain, relaxed)
         momentum = chain.moments_of_inertia * mode
         left = left - mode * float(momentum @ left) / float(momentum @ mode)
-    stretches = rigidity_matrix(chain, relaxed) @ displacement
+    stretches = rigidity_matrix(chain, relaxed) @ (given - relaxed)
     return float(0.5 * chain.stiffnesses @ stretches**2 + chain.kinetic_energy(left))
-
-
-def _departure(chain: Chain, angles: ArrayLike) -> tuple[Array, Array]:
-    given = chain.check_angles(angles)
-    relaxed = unstretched(chain, given)
-    return relaxed, given - relaxed
 
 
 def _relaxed(chain: Chain, angles: ArrayLike) -> Array:

@@ -77,7 +77,9 @@ def zero_modes(chain: Chain, angles: Array, tolerance: float = 1e-10) -> Array:
     N_0 - N_ss = N - `number_of_springs` (paper, section 1). Singular values below `tolerance`
     times the largest singular value count as 0. Takes a time O(N^3).
     """
-    return _null_space(rigidity_matrix(chain, angles).toarray(), tolerance)
+    from scipy.linalg import null_space
+
+    return np.asarray(null_space(rigidity_matrix(chain, angles).toarray(), tolerance))
 
 
 def states_of_self_stress(chain: Chain, angles: Array, tolerance: float = 1e-10) -> Array:
@@ -85,13 +87,9 @@ def states_of_self_stress(chain: Chain, angles: Array, tolerance: float = 1e-10)
 
     N_ss is the number of states of self-stress, and `tolerance` is as in `zero_modes`.
     """
-    return _null_space(rigidity_matrix(chain, angles).toarray().T, tolerance)
-
-
-def _null_space(matrix: Array, tolerance: float) -> Array:
     from scipy.linalg import null_space
 
-    return np.asarray(null_space(matrix, rcond=tolerance))
+    return np.asarray(null_space(rigidity_matrix(chain, angles).toarray().T, tolerance))
 
 
 def zero_mode(chain: Chain, angles: Array) -> Array:

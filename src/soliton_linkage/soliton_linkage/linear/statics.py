@@ -149,23 +149,19 @@ def equilibrium(chain: Chain, angles: Array) -> Array:
         torques = chain.spring_torques(state)
         if float(np.abs(torques).max()) <= _ROUNDING * scale:
             return state
-        step = _yielding(chain, state, torques)
+        try:
+            step = splu(stiffness_matrix(chain, state)).solve(torques)
+        except RuntimeError:
+            raise ValueError(
+                f'the stiffness matrix is singular at {_shown(state)} rad, because the springs do '
+                'not resist every motion; start from other angles'
+            ) from None
         state += step * min(1.0, _LONGEST_STEP / max(float(np.abs(step).max()), 1e-300))
     rotor = int(np.argmax(np.abs(torques)))
     raise ValueError(
         f'the torque on rotor {rotor} stays {torques[rotor]:.3g} N m: there is no equilibrium '
         'near the given angles; start from other angles'
     )
-
-
-def _yielding(chain: Chain, angles: Array, torques: Array) -> Array:
-    try:
-        return np.asarray(splu(stiffness_matrix(chain, angles)).solve(torques))
-    except RuntimeError:
-        raise ValueError(
-            f'the stiffness matrix is singular at {_shown(angles)} rad, because the springs do '
-            'not resist every motion; start from other angles'
-        ) from None
 
 
 def _shown(angles: Array) -> str:

@@ -103,8 +103,7 @@ negative."""
 
 
 def _spread(of: str) -> Any:
-    description = f'relative standard deviation of the {of}'
-    return quantity(0.0, description, '', 0.0, _LARGEST_SPREAD)
+    return quantity(0.0, f'relative standard deviation of the {of}', '', 0.0, _LARGEST_SPREAD)
 
 
 @document_fields
@@ -141,8 +140,9 @@ def drawn_deviations(
     deviate. Raises ValueError for invalid arguments, and if a random deviation is outside the
     range that `Deviations` allows.
     """
-    _check_whole('number_of_rotors', number_of_rotors, 2)
-    _check_whole('seed', seed, 0)
+    for name, value, least in (('number_of_rotors', number_of_rotors, 2), ('seed', seed, 0)):
+        if not isinstance(value, Integral) or value < least:
+            raise ValueError(f'{name} = {value!r} must be a whole number >= {least}')
     springs = number_of_rotors if periodic else number_of_rotors - 1
     drawn = {}
     for name, fraction in fractions.items():
@@ -156,8 +156,3 @@ def drawn_deviations(
         count = springs if name in OF_SPRINGS else number_of_rotors
         drawn[name] = tuple((fraction * generator.standard_normal(count)).tolist())
     return Deviations(**drawn)
-
-
-def _check_whole(name: str, value: object, least: int) -> None:
-    if not isinstance(value, Integral) or value < least:
-        raise ValueError(f'{name} = {value!r} must be a whole number >= {least}')

@@ -83,9 +83,11 @@ class Encoders:
 
     def read(self, frame: int, angles: Array) -> tuple[Array, Array]:
         """Return readings [rad] and rates [rad/s] of a frame, shape (N,) each."""
-        errors = self.errors
-        reading = angles + (errors.offsets or 0.0) + self._noise(frame, errors)
-        step = errors.quantisation
+        errors, step = self.errors, self.errors.quantisation
+        reading = angles + (errors.offsets or 0.0)
+        if errors.noise:
+            bits = np.random.Philox(key=errors.seed, counter=[0, frame, 0, 0])
+            reading += errors.noise * np.random.Generator(bits).standard_normal(self._rotors)
         if step:
             reading = step * np.round(reading / step)
         rates = np.zeros(self._rotors)
@@ -93,14 +95,6 @@ class Encoders:
             rates = (reading - self._before[1]) / self._period
         self._before = (frame, reading)
         return reading, rates
-
-    def _noise(self, frame: int, errors: EncoderErrors) -> Array:
-        if not errors.noise:
-            return np.zeros(self._rotors)
-        generator = np.random.Generator(
-            np.random.Philox(key=errors.seed, counter=[0, frame, 0, 0])
-        )
-        return errors.noise * generator.standard_normal(self._rotors)
 
 
 def check_one_each(offsets: Sequence[float], number_of_rotors: int) -> None:

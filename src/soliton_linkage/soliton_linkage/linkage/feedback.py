@@ -41,12 +41,8 @@ class Feedback(CheckedQuantities):
     @property
     def acts(self) -> bool:
         """Whether at least one gain differs from 0, so that the motors exert torques."""
-        return any((self.angle, self.left_angle, self.right_angle)) or self.uses_rates
-
-    @property
-    def uses_rates(self) -> bool:
-        """Whether the gain of at least one rate differs from 0."""
-        return any((self.rate, self.left_rate, self.right_rate))
+        gains = self.angle, self.left_angle, self.right_angle
+        return any((*gains, self.rate, self.left_rate, self.right_rate))
 
 
 NO_FEEDBACK = Feedback()

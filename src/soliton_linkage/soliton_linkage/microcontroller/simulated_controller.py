@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from soliton_linkage.linkage.chain import Array
-from soliton_linkage.linkage.quantities import check_quantities, quantity
+from soliton_linkage.linkage.quantities import CheckedQuantities, quantity
 from soliton_linkage.microcontroller.device_clock import LARGEST_DRIFT
 from soliton_linkage.microcontroller.frames import (
     CLOCK_RANGE,
@@ -24,7 +24,7 @@ from soliton_linkage.microcontroller.rotary_encoders import RotaryEncoders
 
 
 @dataclass(frozen=True)
-class ControllerSettings:
+class ControllerSettings(CheckedQuantities):
     """Properties of a simulated controller. Raises ValueError for values out of range."""
 
     protocol: str = quantity(
@@ -40,9 +40,6 @@ class ControllerSettings:
     torque_per_pressure: float = quantity(
         5e-8, 'torque on a rotor per pressure of its valve', 'N m/Pa', 0.0, 1.0
     )
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
 
 class SimulatedController:

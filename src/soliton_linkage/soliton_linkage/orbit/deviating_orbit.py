@@ -157,7 +157,7 @@ class DeviatingOrbit(Orbit):
         angles = np.empty(self.chain.number_of_rotors)
         for arc in arcs:
             segment = self.segment(arc)
-            angles[segment.first : segment.first + len(segment.angles)] = segment.angles
+            angles[segment.within] = segment.angles
         return angles
 
     def _nearest(self, rotor: int, angle: float, turning: float) -> float:
@@ -200,7 +200,7 @@ def _reversal(piece: OrbitPiece, rotor: int | None) -> float:
     return float(brentq(_rate, 0, piece.length, args=(piece, rotor), xtol=1e-14))
 
 
-class _ArcMap:
+class _ArcMap(PiecewiseCubic):
     """Smooth, increasing map from the arc length of an orbit to the one of the uniform orbit."""
 
     def __init__(self, orbit: Orbit, uniform: UniformOrbit) -> None:
@@ -220,10 +220,7 @@ class _ArcMap:
             [knots[-2] - knots[-1], *knots, knots[-1] + knots[1]]
             for knots in (self._arcs, self._uniform_arcs)
         ]
-        self._cubic = PiecewiseCubic(PchipInterpolator(*periodic))
-
-    def at(self, arc: float) -> tuple[float, float]:
-        return self._cubic.at(arc)
+        super().__init__(PchipInterpolator(*periodic))
 
     def inverse(self, uniform_arc: float) -> float:
         number = bisect_right(self._uniform_arcs, uniform_arc) - 1

@@ -31,6 +31,11 @@ class OrbitSegment(NamedTuple):
     """Derivatives of the angles with respect to the arc length [1], shape (n,). For all other
     rotors of the chain, the derivatives are below 1e-6."""
 
+    @property
+    def within(self) -> slice:
+        """Slice of the n rotors in an array of all rotors of the chain."""
+        return slice(self.first, self.first + len(self.angles))
+
 
 class PiecewiseCubic:
     """Piecewise cubic polynomial, continued linearly outside its knots, with fast evaluation."""
@@ -135,16 +140,15 @@ class Orbit(ABC):
         """Return the angles of the whole chain at an arc length [rad], shape (N,)."""
         angles, right = self.background(arc)
         segment = self.segment(arc)
-        end = segment.first + len(segment.angles)
-        angles[end:] = right[end:]
-        angles[segment.first : end] = segment.angles
+        angles[segment.within.stop :] = right[segment.within.stop :]
+        angles[segment.within] = segment.angles
         return angles
 
     def tangent(self, arc: float) -> Array:
         """Return the unit tangent dPhi/ds, the zero mode, at an arc length [rad], shape (N,)."""
         tangent = np.zeros(self.chain.number_of_rotors)
         segment = self.segment(arc)
-        tangent[segment.first : segment.first + len(segment.tangent)] = segment.tangent
+        tangent[segment.within] = segment.tangent
         return tangent
 
     def curvature(self, arc: float) -> Array:
@@ -161,6 +165,5 @@ class Orbit(ABC):
         sqrt(sum_n (I_n / I) t_n^2).
         """
         segment = self.segment(arc)
-        end = segment.first + len(segment.tangent)
-        moments = self.chain.moments_of_inertia[segment.first : end]
+        moments = self.chain.moments_of_inertia[segment.within]
         return math.sqrt(self.chain.moment_of_inertia / float(moments @ segment.tangent**2))

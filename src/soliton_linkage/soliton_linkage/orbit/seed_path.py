@@ -82,26 +82,6 @@ class SeedPath(NamedTuple):
         return split
 
 
-class _Bond(NamedTuple):
-    """Bar between two neighbouring rotors, of which the inner one is nearer to the seed.
-
-    `angle` is the angle of the outer rotor [rad].
-    """
-
-    angle: float
-    near: float
-    """Lever of the inner rotor, times the length of the bar [m^2]."""
-    far: float
-    """Lever of the outer rotor, times the length of the bar [m^2]."""
-
-    @property
-    def lead(self) -> float:
-        """Logarithm of the rate of the outer rotor divided by the rate of the inner rotor [1]."""
-        if self.near == 0:
-            return -math.inf
-        return math.log(abs(self.near / self.far)) if self.far else math.inf
-
-
 class _Seed:
     def __init__(self, chain: Chain) -> None:
         self._chain = chain
@@ -148,13 +128,21 @@ class _Seed:
         rotor, lead = self.rotor, 0.0
         best = -math.inf, rotor
         while lead > _NEGLIGIBLE_LEAD and 0 <= rotor + towards <= self._last:
-            bond = self._bond(rotor, towards, angle)
-            lead += bond.lead
-            rotor, angle = rotor + towards, bond.angle
+            angle, near, far = self._bond(rotor, towards, angle)
+            if near == 0:
+                lead = -math.inf
+            else:
+                lead += math.log(abs(near / far)) if far else math.inf
+            rotor += towards
             best = max(best, (lead, rotor))
         return best
 
-    def _bond(self, rotor: int, towards: int, angle: float) -> _Bond:
+    def _bond(self, rotor: int, towards: int, angle: float) -> tuple[float, float, float]:
+        """Return the angle [rad] of the next rotor, and the levers of the bar, times its length.
+
+        The levers [m^2] are those of `rotor`, which has the angle `angle` [rad], and of the next
+        one.
+        """
         bar, far = min(rotor, rotor + towards), rotor + towards
         branch = (self.right_branches if towards > 0 else self.left_branches)[bar]
         spacing = towards * self._spacings[bar]
@@ -163,7 +151,7 @@ class _Seed:
         h_far = self._lengths[far] * math.sin(far_angle)
         v_far = self._lengths[far] * math.cos(far_angle)
         across, up = spacing + h_far - h, v_far - v
-        return _Bond(far_angle, h * up - v * across, v_far * across - h_far * up)
+        return far_angle, h * up - v * across, v_far * across - h_far * up
 
     def turn(self, most: float) -> int:
         """Rotate the seed by a step of at most `most` [rad]; return the number of the next seed.
@@ -202,12 +190,11 @@ class _Seed:
     def move_to(self, rotor: int) -> None:
         while self.rotor != rotor:
             towards = 1 if rotor > self.rotor else -1
-            bond = self._bond(self.rotor, towards, self.angle)
+            self.angle, near, far = self._bond(self.rotor, towards, self.angle)
             branches = self.left_branches if towards > 0 else self.right_branches
-            branches[min(self.rotor, self.rotor + towards)] = 1 if bond.near > 0 else -1
-            self.sense *= -math.copysign(1.0, bond.near * bond.far)
+            branches[min(self.rotor, self.rotor + towards)] = 1 if near > 0 else -1
+            self.sense *= -math.copysign(1.0, near * far)
             self.rotor += towards
-            self.angle = bond.angle
 
 
 def seed_path(chain: Chain, beside: int) -> SeedPath:

@@ -92,11 +92,10 @@ class WallShifts:
         for sample in range(_SAMPLES):
             arc = begin + (end - begin) * (sample + 0.5) / _SAMPLES
             segment = orbit.segment(arc)
-            within = slice(segment.first, segment.first + len(segment.tangent))
             bars = _BarsNearWall(orbit.chain, segment)
-            effects = bars.arc_element_effect(orbit.curvature(arc)[within])
+            effects = bars.arc_element_effect(orbit.curvature(arc)[segment.within])
             time += self._whole(segment.first, effects) / _SAMPLES
-            masses[within] += segment.tangent**2 / (2 * _SAMPLES)
+            masses[segment.within] += segment.tangent**2 / (2 * _SAMPLES)
         rate = time @ time + masses @ masses
         scale = self._far**2
         return float(here @ here) / scale, float(there @ there) / scale, float(rate) / scale

@@ -64,9 +64,8 @@ class PhononEnergyEstimator:
 
     def _frame_energy(self, rates: Array, arc: float) -> float:
         about = self._orbit.segment(arc)
-        within = slice(about.first, about.first + len(about.tangent))
         orthogonal = rates.copy()
-        orthogonal[within] -= about.tangent * float(about.tangent @ rates[within])
+        orthogonal[about.within] -= about.tangent * float(about.tangent @ rates[about.within])
         difference = _THIRD_DIFFERENCE @ np.array(self._rates)
         square = float(difference @ difference) / float(_THIRD_DIFFERENCE @ _THIRD_DIFFERENCE)
         noise = square * (len(rates) - 1) / len(rates)
