@@ -35,7 +35,11 @@ from integrate_peers import OURS, PEERS, Peer, Problem, Ready, heyoka_taylor
 
 from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion
 from soliton_linkage.dynamics.integrators import nystrom_loops
-from soliton_linkage.dynamics.integrators.nystrom_steps import KICKS, NystromSteps, zeros_in_line
+from soliton_linkage.dynamics.integrators.symplectic_nystrom import (
+    KICKS,
+    NystromSteps,
+    zeros_in_line,
+)
 from soliton_linkage.dynamics.terms import (
     VECTOR,
     SpringTorques,

@@ -6,7 +6,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.integrate import OdeSolver
@@ -14,11 +13,7 @@ from scipy.integrate import OdeSolver
 from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion
 from soliton_linkage.dynamics.integrators import INTEGRATORS
 from soliton_linkage.dynamics.integrators.symplectic_nystrom import SymplecticNystrom
-from soliton_linkage.dynamics.simulation import (
-    SMALLEST_RELATIVE_TOLERANCE,
-    Simulation,
-    SimulationSettings,
-)
+from soliton_linkage.dynamics.simulation import Simulation, SimulationSettings
 from soliton_linkage.dynamics.terms import Term, TorqueFunction
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
@@ -98,13 +93,12 @@ class ElasticSimulation(Simulation):
         motion = self.motion
         fastest_rate = max(motion.fastest_vibration, motion.fastest_decay)
         longest_step = self._settings.longest_step / fastest_rate
-        options: dict[str, Any] = {'max_step': longest_step}
+        options = {'max_step': longest_step}
         tolerances = absolute_tolerances(motion, self.tolerance)
         if issubclass(self._method, SymplecticNystrom):
             options = {'together': 1}
             tolerances *= self._settings.symplectic_fraction
-        options |= {'rtol': SMALLEST_RELATIVE_TOLERANCE, 'atol': tolerances}
-        return self._method(motion, 0.0, state, np.inf, **options), longest_step
+        return self._solver_of(self._method, motion, state, tolerances, **options), longest_step
 
     def _after_step(self) -> None:
         if isinstance(self._solver, SymplecticNystrom):

@@ -13,17 +13,13 @@ import numpy as np
 from soliton_linkage.dynamics.terms import (
     AppliedFunction,
     CompiledTerm,
-    DryFriction,
     HeldTorques,
-    LinearDamping,
-    NonReciprocal,
-    OnSitePotential,
-    QuadraticDamping,
     SpringTorques,
     Term,
     TermTable,
     TorqueFunction,
     Weights,
+    of_chain,
     term_table,
     torques_of,
 )
@@ -180,22 +176,6 @@ class EquationOfMotion:
     @cached_property
     def _table_of_loads(self) -> TermTable:
         return self.table(self.loads)
-
-
-def of_chain(chain: Chain) -> list[CompiledTerm]:
-    """Return the terms, other than springs, that the parameters of a chain specify."""
-    terms: list[CompiledTerm] = []
-    if chain.on_site_torque:
-        terms.append(OnSitePotential(chain))
-    if chain.damping:
-        terms.append(LinearDamping(chain.dampings))
-    if chain.dry_friction:
-        terms.append(DryFriction(chain.dry_frictions, chain.friction_rate))
-    if chain.quadratic_damping:
-        terms.append(QuadraticDamping(chain.quadratic_dampings))
-    if chain.non_reciprocity:
-        terms.append(NonReciprocal(chain))
-    return terms
 
 
 def checked_rotors(chain: Chain, rotors: Sequence[int]) -> tuple[int, ...]:

@@ -18,11 +18,7 @@ from scipy.integrate import DOP853, OdeSolver
 from scipy.linalg import eigvals_banded, solveh_banded
 
 from soliton_linkage.compiling import compiled, const_f8_1d
-from soliton_linkage.dynamics.simulation import (
-    SMALLEST_RELATIVE_TOLERANCE,
-    Simulation,
-    SimulationSettings,
-)
+from soliton_linkage.dynamics.simulation import Simulation, SimulationSettings
 from soliton_linkage.linear.rigidity import VANISHING, rigidity_bands, zero_mode
 from soliton_linkage.linear.statics import gram_matrix_bands, unstretched
 from soliton_linkage.linkage.chain import Array, Chain
@@ -133,15 +129,8 @@ class RigidSimulation(Simulation):
         of_angles = np.full(rotors, self.tolerance / math.sqrt(rotors))
         energy = max(self._energy_scale(), float(np.finfo(np.float64).tiny))
         of_rest = [self.tolerance * math.sqrt(energy), self.tolerance * energy]
-        solver = DOP853(
-            derivative,
-            0.0,
-            state,
-            np.inf,
-            longest_step,
-            rtol=SMALLEST_RELATIVE_TOLERANCE,
-            atol=np.concatenate([of_angles, of_rest]),
-        )
+        tolerances = np.concatenate([of_angles, of_rest])
+        solver = self._solver_of(DOP853, derivative, state, tolerances, max_step=longest_step)
         return solver, longest_step
 
     def _after_step(self) -> None:

@@ -7,6 +7,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.integrate import OdeSolver
@@ -257,6 +258,13 @@ class Simulation(ABC):
     @abstractmethod
     def _solver_from(self, state: Array) -> tuple[OdeSolver, float]:
         """Return a solver that starts at a state, and the longest step of the solver [s]."""
+
+    @staticmethod
+    def _solver_of(
+        method: type[OdeSolver], fun: Any, state: Array, tolerances: Array, **options: float
+    ) -> OdeSolver:
+        rtol = SMALLEST_RELATIVE_TOLERANCE
+        return method(fun, 0.0, state, np.inf, rtol=rtol, atol=tolerances, **options)
 
     @abstractmethod
     def _after_step(self) -> None:

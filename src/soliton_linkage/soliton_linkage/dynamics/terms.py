@@ -216,6 +216,22 @@ class AppliedFunction(Term):
         return -float(applied @ rates)
 
 
+def of_chain(chain: Chain) -> list[CompiledTerm]:
+    """Return the terms, other than springs, that the parameters of a chain specify."""
+    terms: list[CompiledTerm] = []
+    if chain.on_site_torque:
+        terms.append(OnSitePotential(chain))
+    if chain.damping:
+        terms.append(LinearDamping(chain.dampings))
+    if chain.dry_friction:
+        terms.append(DryFriction(chain.dry_frictions, chain.friction_rate))
+    if chain.quadratic_damping:
+        terms.append(QuadraticDamping(chain.quadratic_dampings))
+    if chain.non_reciprocity:
+        terms.append(NonReciprocal(chain))
+    return terms
+
+
 class TermTable(NamedTuple):
     """Kinds and parameters of compiled terms."""
 

@@ -16,9 +16,8 @@ import math
 
 import numpy as np
 
-from soliton_linkage.dynamics.equation_of_motion import of_chain
 from soliton_linkage.dynamics.motor_controllers import feedback_torques
-from soliton_linkage.dynamics.terms import term_table, torques_of
+from soliton_linkage.dynamics.terms import of_chain, term_table, torques_of
 from soliton_linkage.estimation.encoder_offsets import EncoderOffsets
 from soliton_linkage.estimation.estimates import OrbitEstimate, TrackingStatus, lost
 from soliton_linkage.estimation.frames import FrameImpulse, check_noise, rotor_swing

@@ -17,7 +17,7 @@ import numpy as np
 
 from soliton_linkage.compiling import compile_loop, compiled, const_f8_1d, const_f8_2d, f8_1d, i8
 from soliton_linkage.dynamics.elastic import ElasticSimulation
-from soliton_linkage.dynamics.equation_of_motion import of_chain
+from soliton_linkage.dynamics.terms import of_chain
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.linkage.springs import spring_between

@@ -7,7 +7,7 @@ from scipy.integrate import solve_ivp
 
 from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion
 from soliton_linkage.dynamics.integrators.nystrom_loops import LARGEST_TURN, Checks
-from soliton_linkage.dynamics.integrators.nystrom_steps import (
+from soliton_linkage.dynamics.integrators.symplectic_nystrom import (
     DRIFTS,
     KICKS,
     STABLE_STEP,

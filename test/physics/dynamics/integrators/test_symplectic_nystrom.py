@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion
 from soliton_linkage.dynamics.integrators import SymplecticNystrom, nystrom_loops
-from soliton_linkage.dynamics.integrators.nystrom_steps import STABLE_STEP
+from soliton_linkage.dynamics.integrators.symplectic_nystrom import STABLE_STEP
 from soliton_linkage.linear.rigidity import Edge, edge_mode
 from soliton_linkage.linkage.chain import Array, Chain
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 
 from scipy.integrate import BDF, DOP853, LSODA, RK23, RK45, OdeSolver, Radau
 
-from soliton_linkage.dynamics.integrators.nystrom_steps import SolverSettings
-from soliton_linkage.dynamics.integrators.symplectic_nystrom import SymplecticNystrom
+from soliton_linkage.dynamics.integrators.symplectic_nystrom import (
+    SolverSettings,
+    SymplecticNystrom,
+)
 
 __all__ = ['INTEGRATORS', 'SolverSettings', 'SymplecticNystrom']
 

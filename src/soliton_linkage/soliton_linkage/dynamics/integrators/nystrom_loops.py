@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compiled loops of `nystrom_steps`; the docstring of that module contains the equations.
+"""Compiled loops of `symplectic_nystrom`; the docstring of that module contains the equations.
 
 A drift rotates a rotor by a small angle. Polynomials approximate the cosine and sine of this
 angle, so that the compiler can vectorise all loops. The array `work` has the rows of the module
