@@ -218,9 +218,9 @@ class KickRecord:
             if following is not None:
                 following.before = after
         origin = episode.stamp, ', '.join(episode.sources), episode.command
-        given = totals.duration, impulse, work, totals.peak_torque
         flags = episode.saturated, episode.cut_short, after is not None
-        self._report(KickReport(*origin, *given, *flags))
+        peak = totals.peak_torque
+        self._report(KickReport(*origin, totals.duration, impulse, work, peak, *flags))
 
     def _report_impulses(
         self, kicks: list[_Impulse], work: float, measured: bool, rejected: bool = False

@@ -99,7 +99,7 @@ class EquationOfMotion:
         inertias[list(self.fixed)] = np.inf
         return inertias
 
-    @cached_property
+    @property
     def decay_rates(self) -> Array:
         """Decay rate c / (M r^2) of each rotor's rate by damping c [1/s], (N,); 0 if fixed."""
         return np.asarray(self.chain.dampings / self.inertias)

@@ -220,7 +220,11 @@ class DeviceClock:
             if self._suspects or not late_only:
                 self._suspects.append((time, arrival, late < 0))
         if self._confirmed() or self._all_late(checked):
-            self._restart(abs(late))
+            if abs(late) < _FROM_THE_FUTURE:
+                self.jumps += 1
+                self._discard()
+            else:
+                self.reset()
         elif accepted:
             self._intervals.append((elapsed - self._elapsed) / 1e6)
             self._elapsed = elapsed
@@ -230,13 +234,6 @@ class DeviceClock:
                 'measure at equal intervals, check the wiring, and end each line of text with a '
                 'checksum'
             )
-
-    def _restart(self, late: float) -> None:
-        if late < _FROM_THE_FUTURE:
-            self.jumps += 1
-            self._discard()
-        else:
-            self.reset()
 
     def _late(self, elapsed: int, arrival: int) -> float:
         x = elapsed * _MICROSECOND / _SECOND

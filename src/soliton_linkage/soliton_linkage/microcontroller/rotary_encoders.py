@@ -112,10 +112,9 @@ class AngleReader:
 
 
 class StampedAngles(NamedTuple):
-    """Angles of a frame [rad], (N,), NaN if missing, with their time."""
+    """Time of a measurement by the host's clock [ns], and angles [rad], (N,), NaN if missing."""
 
     stamp: int
-    """Time of the measurement by the clock of the host [ns]."""
     angles: Array
 
 
@@ -162,11 +161,9 @@ class AngleStream:
             stamp = self.clock.stamp_of_arrival(arrival)
         else:
             stamp = self.clock.stamp(frame.time, arrival, frame.checked)
-        if self.clock.restarts != restarts:
+        if self.clock.restarts != restarts or frame.sequence is None:
             self._numbers.clear()
-        if frame.sequence is None:
-            self._numbers.clear()
-        else:
+        if frame.sequence is not None:
             self._count_lost(frame.sequence)
         return StampedAngles(stamp, self._reader.read(frame))
 

@@ -88,7 +88,9 @@ def order_field(chain: Chain, angles: Array) -> tuple[Array, Array]:
     if chain.motion is not Motion.SPINNER:
         scale = math.sin(chain.rest_angle)
         return np.sin(theta) / scale, turn * np.cos(theta) / scale
-    lean = _spinner_lean(chain, angles)
+    first, second = rigidity_bands(chain, angles)
+    levers = second - first
+    lean = 1 if levers[::2].sum() > levers[1::2].sum() else -1
     shifted = theta - lean * chain.rest_angle
     return lean * np.cos(shifted), -lean * turn * np.sin(shifted)
 
@@ -266,12 +268,6 @@ def _deviation(residual: Array, parameters: int, information: float) -> float:
     if freedom < 1 or information <= 0:
         return math.nan
     return math.sqrt(float(residual @ residual) / freedom / information)
-
-
-def _spinner_lean(chain: Chain, angles: Array) -> int:
-    first, second = rigidity_bands(chain, angles)
-    levers = second - first
-    return 1 if levers[::2].sum() > levers[1::2].sum() else -1
 
 
 def _polarisation_crossings(polarised: Array) -> list[tuple[float, int]]:

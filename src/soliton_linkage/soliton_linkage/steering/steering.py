@@ -354,9 +354,9 @@ class Steering:
     def _lost(self, message: str) -> MoveResult | None:
         held = self.holding
         self.release()
-        return (
-            self._ended(Outcome.SOLITON_LOST, f'{message}; the wall is released') if held else None
-        )
+        if not held:
+            return None
+        return self._ended(Outcome.SOLITON_LOST, f'{message}; the wall is released')
 
     def _rejection(
         self, site: float, speed: float, estimate: WallEstimate | None

@@ -73,7 +73,11 @@ def assign_dots(
     candidates = np.argpartition(own, width - 1, axis=1)[:, :width]
     costs = np.take_along_axis(own, candidates, axis=1)
     parity = np.arange(rotors) % 2
-    path = _viterbi(costs, _bond_costs(points[parity[:, None], candidates], predicted))
+    places = points[parity[:, None], candidates]
+    apart = places[1:, None, :, :] - places[:-1, :, None, :]
+    errors = np.hypot(apart[..., 0], apart[..., 1]) - predicted.bonds[:, None, None]
+    errors /= predicted.bond_deviations[:, None, None]
+    path = _viterbi(costs, np.minimum(errors**2, _MAX_BOND_COST))
     at = np.arange(rotors), np.minimum(path, width - 1)
     chosen = np.where(path < width, candidates[at], HIDDEN)
     # If two rotors share a dot, the one with the lower cost keeps it.
@@ -103,13 +107,6 @@ def _own_costs(
     costs += colour_costs[:, predicted.colours].T
     costs += _PIVOT_COST * (lengths < point_deviations).any(axis=0)
     return np.asarray(np.where(np.abs(length_errors) < _MAX_LENGTH_ERROR, costs, np.inf))
-
-
-def _bond_costs(points: Array, predicted: Prediction) -> Array:
-    apart = points[1:, None, :, :] - points[:-1, :, None, :]
-    lengths = np.hypot(apart[..., 0], apart[..., 1])
-    errors = (lengths - predicted.bonds[:, None, None]) / predicted.bond_deviations[:, None, None]
-    return np.asarray(np.minimum(errors**2, _MAX_BOND_COST))
 
 
 def _viterbi(costs: Array, bond_costs: Array) -> NDArray[np.intp]:

@@ -141,6 +141,7 @@ def calibrate(pictures: Iterable[Picture], columns: int, rows: int, square: floa
     Squares have the side `square` [m]. Raises ValueError if fewer than 3 pictures show the whole
     chessboard, or if the sizes of the pictures differ.
     """
+    cv2 = opencv()
     found: list[Array] = []
     size: tuple[int, int] | None = None
     for picture in pictures:
@@ -151,10 +152,14 @@ def calibrate(pictures: Iterable[Picture], columns: int, rows: int, square: floa
                 'of one size'
             )
         size = width, height
-        corners = _chessboard_corners(picture, columns, rows)
-        moved = np.inf if corners is None or not found else np.hypot(*(corners - found[-1]).T)
-        if corners is not None and np.mean(moved) >= _MIN_MOVE * width:
-            found.append(corners)
+        complete, seen = cv2.findChessboardCornersSB(
+            grey_picture(picture), (columns, rows), cv2.CALIB_CB_EXHAUSTIVE
+        )
+        if complete:
+            corners = np.asarray(seen, dtype=np.float64).reshape(-1, 2)
+            moved = np.hypot(*(corners - found[-1]).T) if found else np.inf
+            if np.mean(moved) >= _MIN_MOVE * width:
+                found.append(corners)
         if len(found) == _MAX_PICTURES:
             break
     if size is None or len(found) < _MIN_PICTURES:
@@ -164,7 +169,7 @@ def calibrate(pictures: Iterable[Picture], columns: int, rows: int, square: floa
         )
     across, down = np.meshgrid(np.arange(columns), np.arange(rows))
     board = square * np.column_stack([across.ravel(), down.ravel(), np.zeros(columns * rows)])
-    misfit, matrix, distortion, *_ = opencv().calibrateCamera(
+    misfit, matrix, distortion, *_ = cv2.calibrateCamera(
         [board.astype(np.float32)] * len(found),
         [corners.astype(np.float32).reshape(-1, 1, 2) for corners in found],
         size,
@@ -178,9 +183,3 @@ def calibrate(pictures: Iterable[Picture], columns: int, rows: int, square: floa
         distortion=tuple(float(each) for each in np.ravel(distortion)),
     )
     return Calibration(camera, float(misfit), len(found))
-
-
-def _chessboard_corners(picture: Picture, columns: int, rows: int) -> Array | None:
-    cv2, grey = opencv(), grey_picture(picture)
-    found, corners = cv2.findChessboardCornersSB(grey, (columns, rows), cv2.CALIB_CB_EXHAUSTIVE)
-    return np.asarray(corners, dtype=np.float64).reshape(-1, 2) if found else None

@@ -34,13 +34,10 @@ class ChainPlane:
     """Matrix with the columns g1, g2 and g3, (3, 3)."""
 
     @cached_property
-    def _unit(self) -> float:
-        return float(np.sqrt(np.linalg.norm(np.cross(self.columns[:, 0], self.columns[:, 1]))))
-
-    @cached_property
-    def _towards_camera(self) -> Array:
+    def _normal(self) -> Array:
+        """Vector g1 x g2, which points towards the camera, scaled to the length of g1 and g2."""
         normal = np.cross(self.columns[:, 0], self.columns[:, 1])
-        return np.asarray(normal / np.linalg.norm(normal) * self._unit)
+        return np.asarray(normal / np.linalg.norm(normal) * np.sqrt(np.linalg.norm(normal)))
 
     def pixels(self, points: Array, heights: ArrayLike = 0.0) -> Array:
         """Return the pixels, (..., 2), at which points (x, z) [m] at given heights [m] appear."""
@@ -61,7 +58,8 @@ class ChainPlane:
 
     def pixels_per_metre(self, points: Array, heights: ArrayLike = 0.0) -> Array:
         """Return the scale of the picture at each point [pixels/m], a mean over all directions."""
-        step = 1e-4 * abs(self.columns[2, 2]) / self._unit
+        unit = float(np.sqrt(np.linalg.norm(np.cross(*self.columns[:, :2].T))))
+        step = 1e-4 * abs(self.columns[2, 2]) / unit
         ends = np.stack([points + side * axis for axis in step * np.eye(2) for side in (1, -1)])
         right, left, top, bottom = self.pixels(ends, heights)
         across, up = right - left, top - bottom
@@ -91,7 +89,7 @@ class ChainPlane:
 
     def _origins(self, points: Array, heights: ArrayLike) -> Array:
         up = np.broadcast_to(np.asarray(heights, dtype=np.float64), points.shape[:-1])
-        return np.asarray(self.columns[:, 2] + up[..., None] * self._towards_camera)
+        return np.asarray(self.columns[:, 2] + up[..., None] * self._normal)
 
 
 def fit_plane(camera: Camera, points: Array, pixels: Array) -> tuple[ChainPlane, float]:

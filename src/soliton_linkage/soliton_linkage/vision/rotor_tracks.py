@@ -70,20 +70,16 @@ class RotorTracks:
 
         `pivots` have shape (N, 2) [m], and `dot_deviation` is the standard deviation of a dot [m].
         """
-
-        def deviations(lengths: Array, counts: Array, measured: float) -> Array:
-            relative = np.where(counts < _MIN_MEASUREMENTS, _UNMEASURED, measured)
-            return np.hypot(relative * lengths, dot_deviation)
-
-        angles, angle_deviations = self.predict_angles(times)
+        unknown, loose = (n < _MIN_MEASUREMENTS for n in (self._length_counts, self._bond_counts))
+        of_lengths = np.where(unknown, _UNMEASURED, _MEASURED_ROTOR) * self.lengths
+        of_bonds = np.where(loose, _UNMEASURED, _MEASURED_BOND) * self.bonds
         return Prediction(
             pivots,
             self.lengths,
-            deviations(self.lengths, self._length_counts, _MEASURED_ROTOR),
-            angles,
-            angle_deviations,
+            np.hypot(of_lengths, dot_deviation),
+            *self.predict_angles(times),
             self.bonds,
-            deviations(self.bonds, self._bond_counts, _MEASURED_BOND),
+            np.hypot(of_bonds, dot_deviation),
             self._colours,
         )
 

@@ -108,18 +108,30 @@ def read_video(path: Path) -> Video:
                     f'({error.strerror}); cut it there, or copy it again'
                 ) from error
 
-    created = container.metadata.get('creation_time', '')
+    created = container.metadata.get('creation_time', '').replace('Z', '+00:00')
     length = float(container.duration or 0) / av.time_base
     own = float(stream.duration * stream.time_base) if stream.duration else math.nan
     # If the pictures have no stated duration, the duration of the film may be that of the sound.
     slack = _SOUND if math.isnan(own) and container.streams.audio else 0.0
     film = _checked(path, pictures(), length if math.isnan(own) else own, slack)
-    return Video(_start(path, created, length), int(stream.frames), film)
+    try:
+        start = datetime.datetime.fromisoformat(created).timestamp()
+    except ValueError:
+        # The file was last changed at the end of the film.
+        start = path.stat().st_mtime - length
+    return Video(start, int(stream.frames), film)
 
 
 def capture_camera(number: int) -> Iterator[TimedPicture]:
     """Yield the pictures of a camera; raise ValueError if it delivers none."""
-    source, start = _opened_camera(number), None
+    cv2, start = opencv(), None
+    log = cv2 if hasattr(cv2, 'setLogLevel') else cv2.utils.logging
+    level = log.getLogLevel()
+    log.setLogLevel(_SILENT)
+    try:
+        source = cv2.VideoCapture(number)
+    finally:
+        log.setLogLevel(level)
     try:
         while True:
             good, picture = source.read()
@@ -184,22 +196,3 @@ def _checked(
     if cut or (head[:1] == head[_PACKET:] == _SYNC and size % _PACKET):
         part = 'before its stated end' if cut else 'within a packet'
         raise ValueError(f'film {str(path)!r} ends after {last:.2f} s, {part}; copy it again')
-
-
-def _opened_camera(number: int) -> Any:
-    cv2 = opencv()
-    log = cv2 if hasattr(cv2, 'setLogLevel') else cv2.utils.logging
-    level = log.getLogLevel()
-    log.setLogLevel(_SILENT)
-    try:
-        return cv2.VideoCapture(number)
-    finally:
-        log.setLogLevel(level)
-
-
-def _start(path: Path, created: str, length: float) -> float:
-    """Return the creation time, or else the last change of the file minus the `length` [s]."""
-    try:
-        return datetime.datetime.fromisoformat(created.replace('Z', '+00:00')).timestamp()
-    except ValueError:
-        return path.stat().st_mtime - length
