@@ -12,24 +12,11 @@ In this example a kick at the first edge sends a soliton through the chain and b
 >>> [crossing.direction for crossing in sl.find_crossings(chain, track)]
 [1, -1]
 
-The package has these folders:
-
-============== ==============================================================================
-linkage        the chain: parameters, deviations, gravity, encoders, recorded motion
-linear         linear theory about a configuration: rigidity, zero mode, bands, statics
-solitons       walls at rest and in the continuum; detection and tracking of walls in frames
-orbit          the zero-energy orbit: the closed curve of all zero-energy configurations
-dynamics       simulations of springs and of rigid bars, integrators, energy balance
-actuation      commands, soft actuators, torques and impulses
-estimation     the analyser: positions of walls from noisy angles
-identification estimation of the parameters of a chain from recorded angles
-steering       controlled motion of a soliton
-============== ==============================================================================
-
-Modules import only from their own folder and from folders above it in this table. A *wall* is a
-domain wall: rotors on opposite sides of it lean in opposite directions. A *soliton* is a moving
-wall. The *orbit* is the closed curve of all zero-energy configurations. In one *cycle* the chain
-moves once along the whole orbit.
+The folders, of which each imports only from earlier ones, are `linkage`, `linear`, `solitons`,
+`orbit`, `dynamics`, `actuation`, `estimation`, `identification`, `steering`, `vision` and
+`microcontroller`. A *wall* is a domain wall: rotors on opposite sides of it lean in opposite
+directions. A *soliton* is a moving wall. The *orbit* is the closed curve of all zero-energy
+configurations. In one *cycle* the chain moves once along the whole orbit.
 
 Angles are the angles phi [rad] unless a name contains `staggered`. The last axis of an array
 contains the rotors. Docstrings of constants state sensitivities: 0.5x means half the value of the

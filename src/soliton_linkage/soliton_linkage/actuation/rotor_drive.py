@@ -103,11 +103,10 @@ class _AngleServo:
         """Torque sent after the previous frame [N m]; it acts from the current frame on."""
 
     def torque(self, angle: float, springs: float, since: float, period: float) -> float:
-        """Return the torque [N m] that acts from the next frame on.
+        """Return the torque [N m] that acts from the next frame on, which is `period` [s] later.
 
         In the current frame, `since` [s] after the start of the waveform, the rotor has the angle
-        `angle` [rad], and the springs exert the torque `springs` [N m]. The next frame is `period`
-        [s] later.
+        `angle` [rad], and the springs exert the torque `springs` [N m].
         """
         if self._start is None:
             self._start = angle

@@ -103,8 +103,8 @@ class Waveform:
     def profile(self, amplitude: float, length: float, ramps: tuple[float, float]) -> Profile:
         """Return `amplitude` times the waveform, as a profile with a total duration `length` [s].
 
-        `ramps` are the durations of the rise at the start and of the fall at the end [s]. Raises
-        ValueError for too many points or too long ramps.
+        `ramps` are the durations of rise and fall [s]. Raises ValueError for too many points or
+        too long ramps.
         """
         if not 0 < length < math.inf:
             raise ValueError(

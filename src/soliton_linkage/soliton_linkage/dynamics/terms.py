@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Terms of the equation of motion; each of them adds a torque to every rotor.
 
-A compiled term has rows of parameters and a compiled kernel, which all simulations call. To add a
-term, write a subclass of `CompiledTerm`, a kernel, and a line in `sum_terms`. A Python function
-`f(time, angles, rates) -> torques` is a term for scipy's solvers only.
+To add a term with a compiled kernel, write a subclass of `CompiledTerm`, the kernel, and a line in
+`sum_terms`. A Python function `f(time, angles, rates) -> torques` is a term for scipy's solvers
+only.
 
 A kernel reads angles, rates, cosines and sines from rows of `work`, shape (rows, P + VECTOR), and
 adds torques [N m] to the row TORQUES. The N rotors are padded with zeros to P, a multiple of

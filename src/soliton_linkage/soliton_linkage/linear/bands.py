@@ -134,8 +134,8 @@ def penetration_depth(chain: Chain) -> float:
 def tail_ratio(chain: Chain) -> float:
     """Return the ratio (d - 1) / (d + 1) of the tail of a wall at two neighbouring rotors [1].
 
-    The tail is the small difference between the angles phi and a uniform state. The ratio is the
-    tail at the rotor that is farther from the wall, divided by the tail at the other rotor.
+    It is the tail at the rotor farther from the wall, divided by the tail at the other rotor. The
+    tail is the small difference between the angles phi and a uniform state.
     """
     plus, minus = couplings(chain)
     return minus / plus
@@ -143,13 +143,10 @@ def tail_ratio(chain: Chain) -> float:
 
 @dataclass(frozen=True)
 class Tail:
-    """Decay of the tail of a wall with the distance from the wall.
-
-    The tail is the displacement of a mass minus its displacement in a uniform state.
+    """Decay of the tail, the displacement of a mass minus its displacement in a uniform state.
 
     decay_length: distance over which the tail decreases by a factor of e [m].
-    wave_number: wave number with which the sign of the tail oscillates [rad/m]; 0 if the sign is
-        constant.
+    wave_number: wave number with which its sign oscillates [rad/m]; 0 if the sign is constant.
     """
 
     decay_length: float
@@ -159,9 +156,8 @@ class Tail:
 def exact_tail(chain: Chain) -> Tail:
     """Return the tail of a wall in the discrete chain.
 
-    At the n-th rotor from the wall, the tail is proportional to (-(d - 1) / (d + 1))^n, where d is
-    the lean ratio. For d > 1, its sign alternates from rotor to rotor. This is the wobble of a
-    wobbling flipper.
+    At the n-th rotor from the wall, the tail is proportional to (-(d - 1) / (d + 1))^n. For d > 1,
+    its sign alternates from rotor to rotor. This is the wobble of a wobbling flipper.
     """
     wave_number = math.pi / chain.spacing if chain.lean_ratio > 1 else 0.0
     return Tail(penetration_depth(chain), wave_number)
@@ -171,10 +167,9 @@ def wobble_exponents(chain: Chain) -> tuple[complex, complex]:
     """Return the two exponents lambda [1/m] of the tail e^(lambda x) in the continuum.
 
     The exponents are lambda_+- = 1 / ub +- sqrt(1 / ub^2 - 8 / a^2) with ub = r sin(theta_bar).
-    They follow from the equation (a^2 / 8) du'' - (a^2 / (4 ub)) du' + du = 0 for the tail du(x).
-    The equation states that the bars keep their length, up to terms in the second derivative of
-    du. It holds on the side of the wall that is nearer to rotor 0, where the tail increases with
-    x. In the paper (equation `wobblingode`), the middle term has the opposite sign.
+    They follow from the equation (a^2 / 8) du'' - (a^2 / (4 ub)) du' + du = 0 for the tail du(x),
+    on the side of the wall that is nearer to rotor 0. The bars then keep their length, up to terms
+    in du''. In the paper (equation `wobblingode`), the middle term has the opposite sign.
     """
     inverse = 1 / (chain.rotor_length * math.sin(chain.rest_angle))
     square = (inverse - math.sqrt(8) / chain.spacing) * (inverse + math.sqrt(8) / chain.spacing)
@@ -188,9 +183,8 @@ def wobble_exponents(chain: Chain) -> tuple[complex, complex]:
 def continuum_tail(chain: Chain) -> Tail:
     """Return the more slowly decaying one of the two tails that `wobble_exponents` describes.
 
-    For d > 1 / sqrt(2), the tail oscillates. Its decay length is then ub = r sin(theta_bar), and
-    its wave number increases with d towards sqrt(8) / a. This is an artefact of the continuum
-    expansion. The decay length agrees with the one of `exact_tail` for d << 1 and d >> 1.
+    For d > 1 / sqrt(2), the tail oscillates, with the decay length ub = r sin(theta_bar). This is
+    an artefact of the continuum. The decay length agrees with `exact_tail` for d << 1 and d >> 1.
     """
     plus, minus = wobble_exponents(chain)
     return Tail(1 / minus.real, plus.imag)
@@ -231,9 +225,8 @@ def density_of_states(chain: Chain, frequencies: ArrayLike) -> Array:
 def winding_number(chain: Chain, lean: int) -> int:
     """Return how often det R(k) of `bloch_matrix` winds around 0 along the Brillouin zone [1].
 
-    In the left-leaning state, the determinant q+^2 - q-^2 e^(2 i k a) winds once, and the zero
-    mode is at the first edge. In the right-leaning state, the determinant does not wind, and the
-    zero mode is at the last edge (paper, section 1).
+    The determinant is q+^2 - q-^2 e^(2 i k a). If it winds, the zero mode is at the first edge,
+    and otherwise at the last edge (paper, section 1).
 
     >>> [winding_number(Chain(), lean) for lean in (+1, -1)]
     [0, 1]

@@ -59,9 +59,9 @@ def normal_modes(chain: Chain, angles: ArrayLike) -> NormalModes:
 def mode_frequencies(chain: Chain, angles: ArrayLike) -> Array:
     """Return the angular frequencies of `normal_modes` in ascending order [rad/s], shape (N,).
 
-    With free ends, they are the eigenvalues >= 0 of [[0, B^T], [B, 0]], where the module docstring
-    defines B. With rows and columns in the order rotor 0, spring 0, rotor 1 and so on, this matrix
-    is tridiagonal, and the computing time is O(N^2). Raises ValueError if a spring is stretched.
+    With free ends, they are the eigenvalues >= 0 of [[0, B^T], [B, 0]]. In the order rotor 0,
+    spring 0, rotor 1 and so on, this matrix is tridiagonal, and the computing time is O(N^2).
+    Raises ValueError if a spring is stretched.
     """
     relaxed = _relaxed(chain, angles)
     if chain.periodic:

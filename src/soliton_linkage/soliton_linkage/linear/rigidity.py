@@ -83,10 +83,7 @@ def zero_modes(chain: Chain, angles: Array, tolerance: float = 1e-10) -> Array:
 
 
 def states_of_self_stress(chain: Chain, angles: Array, tolerance: float = 1e-10) -> Array:
-    """Return orthonormal spring tensions s [1] with R^T s = 0 as columns, shape (springs, N_ss).
-
-    N_ss is the number of states of self-stress, and `tolerance` is as in `zero_modes`.
-    """
+    """Return orthonormal spring tensions s [1], R^T s = 0, (springs, N_ss); see `zero_modes`."""
     from scipy.linalg import null_space
 
     return np.asarray(null_space(rigidity_matrix(chain, angles).toarray().T, tolerance))
@@ -119,10 +116,9 @@ def mode_towards_last(chain: Chain, angles: Array) -> Array:
     """Return the zero mode with the sign that moves the wall towards the last rotor [1], (N,).
 
     In a spinner, a motion along the mode then increases the sum of h_n = r sin(phi_n). In a
-    left-leaning flipper with d < 1, such a motion increases all theta_n, and all levers A_n and
-    B_n have the sign (-1)^(n+1). In the same chain upside down, all levers have the opposite sign.
-    When an edge rotor swings past the mass of its neighbour, A_0 or B_{N-2} changes its sign, and
-    the result must change its sign relative to the result of `zero_mode`.
+    left-leaning flipper with d < 1, it increases all theta_n, and all levers A_n and B_n have the
+    sign (-1)^(n+1), or upside down the opposite sign. When an edge rotor swings past the mass of
+    its neighbour, A_0 or B_{N-2} changes its sign, and so does the result relative to `zero_mode`.
     """
     first, second = _levers_of_free_chain(chain, angles)
     mode = _zero_mode_of(first, second)

@@ -55,10 +55,9 @@ def unstretched(chain: Chain, angles: Array) -> Array:
 
 
 def rest_state(chain: Chain, lean: int) -> Array:
-    """Return the state with relaxed springs near a uniform state [rad], shape (N,).
+    """Return the state with relaxed springs near the uniform state `lean` (-1 or 1) [rad], (N,).
 
-    `lean` is +1 for the right-leaning and -1 for the left-leaning uniform state. In a chain
-    without deviations, the result is the uniform state. Raises ValueError if no such state exists.
+    In a chain without deviations, it is this state. Raises ValueError if no such state exists.
     """
     return unstretched(chain, chain.uniform_state(lean))
 
@@ -66,9 +65,8 @@ def rest_state(chain: Chain, lean: int) -> Array:
 def toggled_angle(chain: Chain, angles: Array, edge: Edge) -> float:
     """Return the other angle of an edge rotor at which its spring has the same length [rad].
 
-    With the present angle phi, the other angle is 2 psi - phi, where psi is the direction from the
-    pivot of the edge rotor to the mass of its neighbour. When a wall is reflected at this edge, it
-    leaves the edge rotor at the other angle.
+    It is 2 psi - phi, with the direction psi from the pivot of the edge rotor to the mass of its
+    neighbour. A wall that is reflected at this edge leaves the edge rotor at the other angle.
     """
     checked = chain.check_angles(angles)
     last = edge.resolved(chain, checked) is Edge.LAST

@@ -208,10 +208,9 @@ class Chain:
         return staggered(np.full(self.number_of_rotors, lean * self.rest_angle))
 
     def check_angles(self, angles: ArrayLike, what: str = 'angle') -> Array:
-        """Return the angles as an array of shape (N,) after checking them.
+        """Return the angles as an array of shape (N,); `what` is their name in error messages.
 
-        Raises ValueError for a wrong shape and for infinite or NaN values; `what` is the name of
-        the values in the message.
+        Raises ValueError for a wrong shape and for infinite or NaN values.
         """
         checked = np.asarray(angles, dtype=np.float64)
         check_shape(checked, self.number_of_rotors, what)
@@ -255,7 +254,7 @@ class Chain:
         return self.gathered(pull * first, pull * second)
 
     def gathered(self, lefts: Array, rights: Array) -> Array:
-        """Return the sum of the contributions of the springs to each rotor, shape (..., N).
+        """Return the sum of the springs' contributions to each rotor, shape (..., N).
 
         Spring n contributes `lefts[..., n]` to rotor n and `rights[..., n]` to rotor n + 1.
         """
@@ -279,8 +278,7 @@ class Chain:
     def spring_parameters(self) -> Array:
         """Rows with r [m] of rotors, and with a [m], c [m^2] and lbar [m] of springs, (4, N).
 
-        With free ends there are N - 1 springs, so that the last element of the rows of springs is
-        0.
+        With free ends, the last element of the rows of springs is 0.
         """
         rows = np.zeros((4, self.number_of_rotors))
         rows[0] = self.rotor_lengths
@@ -301,10 +299,7 @@ class Chain:
 
 
 def staggered(angles: ArrayLike) -> Array:
-    """Convert angles phi to staggered angles theta, or theta to phi [rad], shape (..., N).
-
-    Both conversions replace the angle of each odd rotor by pi minus this angle.
-    """
+    """Convert angles phi to staggered angles theta, or theta to phi [rad], shape (..., N)."""
     converted = np.array(angles, dtype=np.float64)
     converted[..., 1::2] = np.pi - converted[..., 1::2]
     return converted
@@ -316,10 +311,7 @@ def displacement(chain: Chain, angles: ArrayLike) -> Array:
 
 
 def uprightness(angles: ArrayLike) -> int:
-    """Return -1 if the chain is upside down, otherwise +1.
-
-    Upside down, the sum of cos(theta) over all rotors except the first and the last is negative.
-    """
+    """Return the sign of the sum of cos(theta) over inner rotors: -1 upside down, otherwise +1."""
     vertical = np.cos(angles)
     return -1 if vertical[2:-1:2].sum() < vertical[1:-1:2].sum() else 1
 

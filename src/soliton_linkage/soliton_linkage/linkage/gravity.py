@@ -29,11 +29,7 @@ class Gravity(CheckedQuantities):
     )
 
     def energy(self, chain: Chain, angles: Array) -> Array:
-        """Return the potential energy U = g sum_n M r cos(phi_n + tilt) [J], shape (...).
-
-        g is the acceleration, M the mass and r the rotor length. U is 0 if all masses are at their
-        pivots.
-        """
+        """Return the potential energy U = g sum_n M r cos(phi_n + tilt) [J], shape (...)."""
         heights = np.cos(angles + self.tilt)
         return np.asarray(np.sum(self._weights(chain) * heights, axis=-1))
 

@@ -84,10 +84,9 @@ def described_fields(dataclass_type: Any) -> dict[str, Quantity]:
 
 
 def check_quantities(instance: Any) -> None:
-    """Raise ValueError if a field has an invalid value.
+    """Raise ValueError if a value is not in the range of its `Quantity`, or of another kind.
 
-    A value must be in the range of its `Quantity`. If the default is a number, the value must be a
-    number, and a whole number if the default is a whole number.
+    If the default is a number (a whole number), the value must be a number (a whole number).
     """
     for name, described in described_fields(instance).items():
         value = getattr(instance, name)

@@ -27,9 +27,8 @@ def spring_between(
     distance between the pivots is the `spacing` a [m], and `offset` [m^2] is an element of
     `Chain.offsets`. Let (dh, dv) = (a + h_right - h_left, v_right - v_left) and l = hypot(dh, dv).
     The derivatives of l with respect to the angles of the left and the right rotor are A = (h_left
-    dv - v_left dh) / l and B = (v_right dh - h_right dv) / l. They are 0 if the masses coincide.
-    Arguments are numbers or arrays; `compile_loop(spring_between, inlined=True)` compiles the
-    function.
+    dv - v_left dh) / l and B = (v_right dh - h_right dv) / l; they are 0 if the masses coincide.
+    Arguments are numbers or arrays, also in compiled loops.
     """
     across, up = h_right - h_left, v_right - v_left
     products = h_left * h_right + v_left * v_right

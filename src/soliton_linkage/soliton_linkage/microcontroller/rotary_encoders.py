@@ -87,11 +87,10 @@ class AngleReader:
         self._last = np.zeros(rotors)
 
     def read(self, frame: SerialFrame) -> Array:
-        """Return the angle of each rotor [rad], (N,), NaN if missing.
+        """Return the angle of each rotor [rad], (N,), NaN if missing; ValueError as in `check`.
 
-        If the readings wrap after a turn, the result is correct if each rotor has turned by less
-        than half a turn since its last valid reading. Raises ValueError unless the frame has a
-        reading for each rotor.
+        If the readings wrap after a turn, a rotor must turn by less than half a turn between valid
+        readings.
         """
         self.check(frame)
         angles = frame.values * self._radians[frame.kind] - self._offsets

@@ -212,11 +212,10 @@ def _resolved(chain: Chain, path: SeedPath) -> list[OrbitPiece | None]:
 
 
 def _nodes_in_arc(speeds: Array) -> Array:
-    """Return the K values of x in each piece at which the arc length is at its nodes, (P, K).
+    """Return the values of x in each piece at which its scaled arc length is `_POINTS`, (P, K).
 
-    In each piece, x is the angle of the seed, scaled to increase from -1 to 1. At its nodes, the
-    arc length, scaled in the same way, has the values `_POINTS`. `speeds` contains the Chebyshev
-    coefficients of ds/dx, shape (P, K).
+    x is the angle of the seed. Angle and arc length are scaled to increase from -1 to 1. `speeds`
+    contains the Chebyshev coefficients of ds/dx, (P, K).
     """
     arcs = chebyshev.chebint(speeds, axis=1, lbnd=-1)
     wanted = arcs.sum(axis=1)[:, None] * (1 + _POINTS) / 2

@@ -118,12 +118,10 @@ class _Seed:
         return left.tobytes(), right.tobytes()
 
     def lead(self, towards: int, angle: float) -> tuple[float, int]:
-        """Return the largest lead of the rotors on one side, and the rotor that has this lead.
+        """Return the largest lead of the rotors on the left (-1) or right (+1), and this rotor.
 
         The lead of rotor n is log |t_n / t_seed|, where t is the zero mode of the configuration in
-        which the seed has the angle `angle` [rad]. `towards` is -1 for the rotors on the left of
-        the seed and +1 for those on its right. The largest lead is -inf if no rotor is on this
-        side.
+        which the seed has the angle `angle` [rad]. The result is -inf if no rotor is on this side.
         """
         rotor, lead = self.rotor, 0.0
         best = -math.inf, rotor
@@ -231,10 +229,7 @@ def seed_path(chain: Chain, beside: int) -> SeedPath:
 
 
 def blocked_wall_error(chain: Chain, rotor: int) -> ValueError:
-    """Return the error for a wall that cannot pass a rotor.
-
-    Its message describes the nearest obstacle if there is one.
-    """
+    """Return the error for a wall that cannot pass a rotor; it describes the nearest obstacle."""
     remedy = 'lower the deviations of the chain'
     obstacles = find_obstacles(chain)
     if obstacles:

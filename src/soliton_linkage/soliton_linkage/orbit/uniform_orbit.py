@@ -220,10 +220,7 @@ class _ShortOrbit:
         return (-leg if self._chain.lean_ratio <= 1 else 2 - leg) % 4
 
     def _speeds_near_last(self, distances: Array, leg: int) -> Array:
-        """Return |ds / d(site)| of walls at some distances from the last rotor [rad].
-
-        The distances have the unit rotor spacings. Both arrays have the same shape.
-        """
+        """Return |ds / d(site)| [rad] of walls at distances from the last rotor [spacings]."""
         chain, last, speeds = self._chain, self._chain.number_of_rotors - 1, []
         for distance in np.maximum(distances, _STEP).tolist():
             walls = [static_wall(chain, last - distance + step, leg) for step in (-_STEP, _STEP)]
@@ -247,9 +244,8 @@ class _ShortOrbit:
     def _tangent(self, angles: Array) -> Array:
         """Return the unit zero mode in the direction of the orbit [1], shape (N,).
 
-        Up to a factor, the component t_n is the product (-1)^n prod_{j < n} A_j prod_{j >= n} B_j
-        of levers A and B. The levers are divided by the larger one of the `couplings`, so that the
-        products rarely overflow.
+        It is proportional to (-1)^n prod_{j < n} A_j prod_{j >= n} B_j. The levers A and B are
+        divided by the larger one of the `couplings`, so that the products rarely overflow.
         """
         first, second = rigidity_bands(self._chain, angles)
         mode = self._signs.copy()
@@ -274,7 +270,6 @@ class _ShortOrbit:
     def _pieces(self) -> list[_HalfLegs]:
         """Return the pieces of the orbit in order, each from the middle of a leg to the next.
 
-        The mirror image of a reflection at the last rotor is a reflection at the first rotor.
         Mirroring exchanges the two results of `toggled_edges`. It therefore exchanges legs 0 and 2
         for a lean ratio d > 1, and legs 1 and 3 for d <= 1.
         """
@@ -329,8 +324,7 @@ def _short_chain(chain: Chain) -> Chain:
 def _closed_spline(pieces: list[_HalfLegs], middles: list[float]) -> BSpline:
     """Return a spline of N angles and N tangents that is smooth where the orbit closes.
 
-    `middles` contains the arc length at which each piece begins, and the length of the orbit
-    [rad].
+    `middles` contains the arc lengths at which pieces begin, and the length of the orbit [rad].
     """
     arcs, rows, end = [], [], pieces[0].angles[0]
     for piece, middle in zip(pieces, middles[:-1], strict=True):
@@ -394,14 +388,12 @@ def set_near_wall(
     """Set the angles and tangents of the rotors near a wall in a long chain, from a short chain.
 
     `values` is set to the angles [rad], followed by the tangents [1], of all rotors of the short
-    chain. The orbit of the short chain has the length `length` [rad] and is a spline with `knots`
-    and `coefficients`. `arc` [rad] is the arc length on the orbit of the long chain, which has 2 *
-    `repeats` more rotors than the short chain and the arc length `site_arc` [rad] per rotor
-    spacing. `legs` has three rows [rad] with one column for each leg: the start of the leg on the
-    orbit of the long chain, the start of the leg on the orbit of the short chain, and the arc
-    length from there to the middle of the leg. Return three numbers: first, low and high. The
-    rotors low to high - 1 of the short chain correspond to rotors of the long chain, from its
-    rotor number first on.
+    chain, whose orbit of the length `length` [rad] is a spline with `knots` and `coefficients`.
+    `arc` [rad] is the arc length on the orbit of the long chain, which has 2 * `repeats` more
+    rotors and the arc length `site_arc` [rad] per rotor spacing. `legs` [rad] has a column for
+    each leg: its start on the long orbit, its start on the short orbit, and the arc length from
+    its start to its middle on the latter. Return first, low and high: the rotors low to high - 1
+    of the short chain correspond to those of the long chain from its rotor number first on.
     """
     leg = legs.shape[1] - 1
     while leg > 0 and arc < legs[0, leg]:

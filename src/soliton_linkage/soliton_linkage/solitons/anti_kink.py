@@ -153,12 +153,11 @@ def _constrained_minimum(
 
 
 def _is_stable(diagonal: Array, beside: Array, along: Array) -> bool:
-    """Return whether x^T H x > 0 for all x orthogonal to a vector b.
+    """Return whether x^T H x > 0 for all x orthogonal to the vector b = `along`.
 
-    H is a tridiagonal matrix. `along` is b, `diagonal` is the diagonal of H, and `beside` contains
-    the elements next to the diagonal. By Haynsworth's theorem, H bordered by b has as many
-    negative eigenvalues as H, plus one if b^T H^-1 b > 0. The result is true if the bordered
-    matrix has exactly one negative eigenvalue.
+    H is tridiagonal, with the elements `diagonal` and, next to them, `beside`. By Haynsworth's
+    theorem, H bordered by b has as many negative eigenvalues as H, plus one if b^T H^-1 b > 0. The
+    result is true if the bordered matrix has exactly one negative eigenvalue.
     """
     limit = -_BUCKLING * float(np.abs(diagonal).max())
     negative = eigvalsh_tridiagonal(diagonal, beside, select='v', select_range=(-np.inf, limit))

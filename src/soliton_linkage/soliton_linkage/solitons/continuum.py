@@ -95,10 +95,9 @@ class WallTheory(ABC):
     def speed_after_kick(self, kick: float, arc_per_site: float | None = None) -> float:
         """Return the speed that a kick along the zero mode gives to a wall at rest [m/s].
 
-        `kick` is v_0 = r |phi_dot| [m/s], with the norm |phi_dot| of the rates of all rotors. The
-        energy balance M v_0^2 / 2 = (gamma - 1) M Lambda^2 c^2 gives v = c sqrt(1 -
-        1 / (1 + v_0^2 / (2 Lambda^2 c^2))^2). For slow walls, v tends to v_0 / Lambda. If
-        `arc_per_site` [1] is given, it replaces the Lambda of the theory.
+        `kick` is v_0 = r |phi_dot| [m/s], with the norm |phi_dot| of all rates. The energy balance
+        M v_0^2 / 2 = (gamma - 1) M Lambda^2 c^2 gives v = c sqrt(1 - 1 / (1 + v_0^2 / (2 Lambda^2
+        c^2))^2). If `arc_per_site` [1] is given, it replaces the Lambda of the theory.
         """
         arc = self.arc_per_site if arc_per_site is None else arc_per_site
         if not math.isfinite(kick):
@@ -309,10 +308,9 @@ class SpinnerTheory(WallTheory):
 
         The `sublattice` is 0 for even and 1 for odd rotors. For a wall of charge Q and width w at
         `position` X [m], cos(theta - theta_bar) = -Q tanh((x - X) / w). At rest, theta' = Q
-        sin(theta - theta_bar) / (r sin(theta_bar)). This sign is the one in equation `sgd` of the
-        paper; equation `sg` has the opposite sign. For the family -1, replace theta_bar by
-        -theta_bar, and reverse the signs of the right-hand sides of the above equations for
-        cos(theta - theta_bar) and theta'.
+        sin(theta - theta_bar) / (r sin(theta_bar)), as in equation `sgd` of the paper; equation
+        `sg` has the opposite sign. For the family -1, replace theta_bar by -theta_bar, and reverse
+        the signs of the right-hand sides.
         """
         if sublattice not in (0, 1):
             raise ValueError(f'sublattice = {sublattice!r} must be 0 (even rotors) or 1 (odd)')

@@ -44,12 +44,11 @@ def length_excesses(chain: Chain) -> Array:
 def blocked_bonds(chain: Chain) -> NDArray[np.bool_]:
     """Return for each bond whether it may stop a wall, shape (springs,).
 
-    A wall passes if two conditions hold for the rotor lengths r, the spacings a and the rest
-    lengths lbar. First, lbar_n > a_n + |r_n - r_{n+1}| on all bonds. Second, r_n + r_{n+1} - a_n -
-    lbar_n has the same sign on all bonds; otherwise the bonds with the rarer sign may stop the
-    wall. By Grashof's criterion, the linkage of a bond is a triple rocker if the sign is negative,
-    as in flippers, and a double crank if the sign is positive, as in spinners. The conditions are
-    sufficient but not necessary: a wall may also pass if one is violated.
+    A wall passes if, with the rotor lengths r, the spacings a and the rest lengths lbar, lbar_n >
+    a_n + |r_n - r_{n+1}| on all bonds, and r_n + r_{n+1} - a_n - lbar_n has the same sign on all
+    bonds; otherwise the bonds with the rarer sign may stop the wall. By Grashof's criterion, a
+    bond is a triple rocker if the sign is negative, as in flippers, and a double crank if it is
+    positive, as in spinners. The conditions are sufficient but not necessary.
     """
     excess = length_excesses(chain) - chain.spacings
     other_class = ~(excess > 0) if _spinning(chain) else ~(excess < 0)

@@ -183,9 +183,8 @@ def bar_branches(chain: Chain, leg: int, inverted: bool) -> tuple[Array, Array]:
 def toggled_edges(chain: Chain, leg: int) -> tuple[bool, bool]:
     """Return whether the first rotor, and whether the last rotor has toggled, in a flipper.
 
-    Here, a toggled rotor is not at the rest angle that it would have in an infinite chain, but at
-    its other rest angle. For d > 1, this differs for the first rotor from the definition in
-    `Orbit`, which compares with the left-leaning state.
+    A toggled rotor is not at the rest angle of an infinite chain, but at its other rest angle. For
+    d > 1, this differs for the first rotor from the definition in `Orbit`.
     """
     if chain.motion is Motion.SPINNER:
         return False, False
@@ -257,10 +256,9 @@ def _seed_angle(chain: Chain, seed: int, beyond: float, leg: int, inverted: bool
 def _symmetric_wall(chain: Chain, rotor: int, leg: int) -> Array:
     """Return the angles of a wall in the middle between `rotor` and the next rotor [rad], (N,).
 
-    This wall is symmetric: the reflection n -> 2 rotor + 1 - n changes phi to phi + pi in flippers
-    and to -phi in spinners. Therefore r sin(phi) of `rotor` is r^2 sin(theta_bar)^2 / a in
-    flippers. In spinners, it is (a - lbar) / 2 for even `leg` + `rotor`, and (a + lbar) / 2 for
-    odd.
+    The reflection n -> 2 rotor + 1 - n changes phi to phi + pi in flippers and to -phi in
+    spinners. Therefore r sin(phi) of `rotor` is r^2 sin(theta_bar)^2 / a in flippers. In spinners,
+    it is (a - lbar) / 2 for even `leg` + `rotor`, and (a + lbar) / 2 for odd.
     """
     spinner, crossed = chain.motion is Motion.SPINNER, False
     if spinner:
@@ -312,10 +310,7 @@ class _SitePassage:
         self._solution = OdeSolution([0.0, *ends], list(pieces))
 
     def angle(self, beyond: float, other: int = 0) -> float:
-        """Return the angle of the rotor `other` [rad]; rotor 0 is the one that the wall passes.
-
-        The wall is `beyond` rotor spacings past rotor 0, from -1/2 to 1/2.
-        """
+        """Return the angle of a rotor [rad]; the wall is `beyond` (-1/2 to 1/2) past rotor 0."""
         return float(self._solution((beyond + 0.5) * self.arc)[self._rotor + other])
 
 

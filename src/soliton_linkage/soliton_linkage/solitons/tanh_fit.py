@@ -190,8 +190,7 @@ class _TanhFit:
     def _velocity(self, rates: Array | None) -> tuple[float, float]:
         """Return the rate of the wall's centre and its standard deviation [rotor spacings / s].
 
-        The rate follows from the time derivative of sum_n (m_n - f_n) df_n/dX = 0, a condition
-        that the centre X of the fitted function f_n satisfies.
+        The rate follows from the time derivative of the condition sum_n (m_n - f_n) df_n/dX = 0.
         """
         if rates is None or len(self._rotors) < 2:
             return math.nan, math.nan
@@ -262,7 +261,7 @@ def _sech_squared(argument: ArrayLike) -> Array:
 def _deviation(residual: Array, parameters: int, information: float) -> float:
     """Return the standard deviation of a fitted parameter; NaN if `residual` has too few values.
 
-    `information` is the diagonal element of J^T J for this parameter, with the Jacobian J.
+    `information` is the element of J^T J for this parameter, with the Jacobian J.
     """
     freedom = len(residual) - parameters
     if freedom < 1 or information <= 0:

@@ -40,9 +40,8 @@ class ReferencePoint(NamedTuple):
 class ReferenceTrajectory:
     """Reference of the arc length s: a polynomial of degree five in time, constant after its end.
 
-    s = sum_j c_j x^j with x = (time - start) / duration, limited to the range from 0 to 1.
-
-    start: instant of the start [s]. duration: duration [s]. coefficients: c_0 to c_5 [rad].
+    s = sum_j c_j x^j with the `coefficients` c_0 to c_5 [rad] and x = (time - start) / duration,
+    limited to the range from 0 to 1. `start` and `duration` have the unit s.
     """
 
     start: float

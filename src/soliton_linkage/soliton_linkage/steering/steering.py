@@ -60,10 +60,9 @@ class Outcome(enum.Enum):
 
 @dataclass(frozen=True)
 class MoveResult:
-    """Result of a move.
+    """Result of a move, with a message that states values and limits.
 
-    `message` describes the outcome with values and limits. `site` is the final site coordinate of
-    the wall [rotor spacings], NaN if no wall is detected.
+    `site` is the final site coordinate of the wall [rotor spacings], NaN if no wall is detected.
     """
 
     outcome: Outcome

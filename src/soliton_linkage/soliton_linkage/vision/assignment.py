@@ -61,9 +61,9 @@ def assign_dots(
 ) -> NDArray[np.intp]:
     """Return the number of the dot on the mass of each rotor, or `HIDDEN`, (N,).
 
-    `points`, (2, K, 2), contains the positions that K dots have if they are at the height of even
-    rotors, and if they are at the height of odd rotors [m]. `point_deviations`, (K,), are the
-    standard deviations of the positions [m]. `Dots` explains `colour_costs`.
+    `points`, (2, K, 2), contains the positions of K dots [m] if they are at the height of even
+    rotors, and if they are at that of odd rotors. `point_deviations`, (K,), are their standard
+    deviations [m]. `Dots` explains `colour_costs`.
     """
     rotors = len(predicted.pivots)
     if not points.shape[1]:

@@ -131,8 +131,7 @@ class ErrorScale:
     def update(self, dots: DotMeasurements, constant: float = 0.0) -> Array:
         """Add a picture; return the ratio for each of its dots [1], (N,).
 
-        `constant` is the standard deviation of the error that is constant while a dot rests
-        [pixels].
+        `constant` [pixels] is the standard deviation of errors that are constant at rest.
         """
         moving = dots.displacements > _MOVING
         self._resting.add(dots.length_errors[~dots.repeated & ~moving])
@@ -184,11 +183,7 @@ class DeadZone:
         self._since = 0 if repeated.any() and (seen & ~repeated).any() else self._since + 1
 
     def add(self, dots: DotMeasurements, jumps: float) -> None:
-        """Add a picture.
-
-        Until fast dots have been observed, the ratio of the variance of moving dots to the
-        variance due to pixel noise is assumed to be `jumps` [1].
-        """
+        """Add a picture; `jumps` is explained in `variances`."""
         self._first = np.where(np.isnan(self._first), dots.angles, self._first)
         self._moved |= np.abs(dots.angles - self._first) * dots.pixels_per_radian > _RECORDED_STEP
         self._times = np.append(self._times[1:], dots.time)

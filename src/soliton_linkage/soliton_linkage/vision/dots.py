@@ -57,8 +57,8 @@ def find_dots(
     """Return the dots in a region (left, top, right, bottom) [pixels].
 
     A dot must be nearer than `reaches`, (M,), to one of the M positions `predicted`, (M, 2)
-    [pixels]. It is fitted with the outline and the displacement during the exposure that belong to
-    the nearest position in `outlines`, (M, 2, 2), and `smears`, (M, 2) (see `fit_dots`).
+    [pixels]. It is fitted with the element of `outlines`, (M, 2, 2), and of `smears`, (M, 2), that
+    belongs to the nearest position (see `fit_dots`).
     """
     radius = float(np.median(np.abs(np.linalg.det(outlines)))) ** -0.5
     left, top, right, bottom = region

@@ -231,8 +231,7 @@ class FrameMarkers:
 def _print_scale(plane: ChainPlane, pixels: Array, printed: Array) -> float:
     """Return the ratio of the size of M markers to their distances, relative to the layout [1].
 
-    `pixels` and `printed` [m], (M, 4, 2), are four points of each marker. The ratio of a single
-    marker is assumed to be 1.
+    `pixels` and `printed` [m], (M, 4, 2), are four points of each marker.
     """
     if len(pixels) < 2:
         return 1.0
@@ -247,10 +246,7 @@ def _spreads(dots: Array) -> tuple[float, float]:
 
 
 def _shape_error(dots: Array, expected: Array) -> float:
-    """Return the root mean square error of the dots of M markers, (M, 4, 2) [pixels].
-
-    Errors of position, orientation and size of a whole marker do not count.
-    """
+    """Return the root mean square error of the dots in each of M markers, (M, 4, 2) [pixels]."""
     one, other = (
         np.ascontiguousarray(each).view(np.complex128)[..., 0] for each in (dots, expected)
     )

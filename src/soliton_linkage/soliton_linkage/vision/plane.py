@@ -75,8 +75,8 @@ class ChainPlane:
     def circle_centres(self, image_centres: Array, radius: float) -> Array:
         """Return the pixels of the centres of circles of a radius [m], (K, 2).
 
-        The picture of a circle is an ellipse, whose centre, in `image_centres` [pixels], (K, 2),
-        is not the picture of the centre of the circle.
+        The centre of an ellipse, in `image_centres` [pixels], (K, 2), is not the picture of the
+        centre of the circle.
         """
         turns = np.arange(16) * (np.pi / 8)
         circle = radius * np.column_stack([np.cos(turns), np.sin(turns)])

@@ -86,8 +86,7 @@ class RotorTracks:
     def length_errors(self, lengths: Array) -> Array:
         """Return errors of measured lengths [m], (N,); NaN before `_MIN_MEASUREMENTS` pictures.
 
-        An error is the difference from the mean of n earlier lengths. It is divided by sqrt(1 + 1
-        / n), because this mean also has an error.
+        An error is the difference from the mean of n earlier lengths, divided by sqrt(1 + 1 / n).
         """
         counts = np.maximum(self._length_counts, 1.0)
         errors = (lengths - self.lengths) / np.sqrt(1 + 1 / counts)

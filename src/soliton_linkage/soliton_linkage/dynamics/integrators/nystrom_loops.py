@@ -132,8 +132,7 @@ def kick(work: Array, forces: Forces, time: float) -> None:
 def decay(work: Array, forces: Forces, decays: Array, stage: int) -> float:
     """Apply linear damping in a drift: update RATES, set TURNS, return the dissipated energy [J].
 
-    `decays` contains the coefficients of `Step.decays` for a half or a whole step, and `stage` is
-    the index of the drift.
+    `decays` are the `Step.decays` of a half or a whole step. `stage` is the index of the drift.
     """
     dissipated = 0.0
     for n in range(forces.half_inertias.size):
@@ -146,10 +145,7 @@ def decay(work: Array, forces: Forces, decays: Array, stage: int) -> float:
 
 @inlined
 def damp(work: Array, rotors: int, forces: Forces, time: float) -> float:
-    """Apply damping of any kind in a drift by a Runge-Kutta step; see `decay`.
-
-    `time` is the duration of the drift [s].
-    """
+    """Apply damping of any kind in a drift of `time` [s] by a Runge-Kutta step; see `decay`."""
     size = forces.half_inertias.size
     for n in range(size):
         work[RATES_BEFORE, n] = work[RATES, n]
@@ -225,11 +221,7 @@ def copy_state(source: Array, target: Array) -> None:
 
 @inlined
 def scaled_difference(before: Array, whole: Array, halves: Array, checks: Checks) -> float:
-    """Return the error of a step as defined in `Checks` [1].
-
-    `before` is the state before the step, `whole` the state after the step, and `halves` the state
-    after two half steps.
-    """
+    """Return the error of a step [1], from the states before, after it, and after two halves."""
     squares = 0.0
     for n in range(whole.size):
         size = max(abs(before[n]), abs(halves[n]))
@@ -335,8 +327,7 @@ def put_knot(
 ) -> None:
     """Store the angles, the dissipated energy, and their first two derivatives at a knot.
 
-    The derivatives are with respect to the time divided by `unit` [s]. The knots are the start,
-    the middle and the end of a step.
+    The derivatives are with respect to the time divided by `unit` [s].
     """
     never_inlined()
     rotors, first = state.size // 2, 3 * knot
@@ -388,10 +379,7 @@ def fit(knots: Array) -> None:
 
 @inlined
 def evaluate(knots: Array, rotors: int, x: float, unit: float, output: Array) -> None:
-    """Evaluate the polynomials at x and put the state into `output`.
-
-    x is the time since the middle of the step, divided by `unit` [s], which is half a step.
-    """
+    """Put the state at the time x `unit` [s] after the middle of the step into `output`."""
     prefer_wide_vectors()
     for n in range(knots.shape[1]):
         value = slope = 0.0

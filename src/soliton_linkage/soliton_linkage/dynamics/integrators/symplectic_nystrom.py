@@ -134,9 +134,8 @@ DEFAULTS = SolverSettings()
 def steps_to_measure(taken: int, count: int, every: int) -> Numbers:
     """Return the indices of the steps, among the next `count`, whose error is measured.
 
-    Counted from the last change of the step length, they are the steps 1, 4 and 16 and all
-    multiples of `every`, in increasing order. Since this change, `taken` steps have been taken;
-    the next one has the index 1.
+    Counted from the last change of the step length, `taken` steps ago, they are the steps 1, 4 and
+    16 and all multiples of `every`. The next step has the index 1.
     """
     regular = np.arange(every - taken % every, count + 1, every)
     early = [step for step in (1, 4, 16) if taken < step <= taken + count]
@@ -399,9 +398,9 @@ class SymplecticNystrom(OdeSolver):
         self._even_from, self._even_steps = float(self.t), 0
 
     def _update_limits(self) -> None:
-        """Set the rate of the fastest rotor [rad/s] and the longest allowed step [s].
+        """Set the rate of the fastest rotor [rad/s], and the longest stable step [s].
 
-        The longest step is stable, and in it no drift exceeds LARGEST_TURN.
+        In the longest step, no drift exceeds LARGEST_TURN.
         """
         rotors = self._motion.rotors
         self._fastest = float(np.abs(self.y[rotors : 2 * rotors]).max())
