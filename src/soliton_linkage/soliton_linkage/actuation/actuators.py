@@ -93,10 +93,9 @@ class PneumaticActuator(CheckedQuantities):
         return pressure, integral
 
     def responses(self, pressure: float, times: Array, commands: Array) -> Array:
-        """Return the pressure [Pa] at the instants `times` [s].
+        """Return the pressure [Pa] at the instants `times` [s], from `pressure` at the first one.
 
-        `pressure` is the pressure at the first instant. Each element of `commands` [Pa] acts from
-        its instant to the next instant.
+        Each element of `commands` [Pa] acts from its instant to the next one.
         """
         pressures = [pressure]
         for step, target in zip(np.diff(times).tolist(), commands.tolist(), strict=False):

@@ -28,10 +28,9 @@ class ChainDriver:
     """Driver of all actuators of a chain; a command starts at the next frame.
 
     The reports name the `source` of a command, which is its topic. At each frame, the driver
-    returns the mean torques over the interval to the next frame, which it assumes to be as long as
-    the previous interval. After the end of a joint command, its last torques are held for
-    `timeout` [s]. If an interval between frames exceeds `longest_gap` [s], the current torques are
-    reported as cut short.
+    returns the mean torques over the next interval between frames, assumed to be as long as the
+    previous one. After the end of a joint command, its last torques are held for `timeout` [s]. If
+    an interval exceeds `longest_gap` [s], the current torques are reported as cut short.
     """
 
     def __init__(

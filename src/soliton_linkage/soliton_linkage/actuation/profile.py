@@ -104,8 +104,7 @@ AT_REST = Profile(np.zeros(1), np.zeros(1))
 def trapezoid(value: float, ramp_up: float, duration: float, ramp_down: float) -> Profile:
     """Return a profile that rises from 0 to a value, keeps this value, and falls back to 0.
 
-    The three arguments after `value` are the durations of these phases [s]. If `duration` is
-    infinite, the profile keeps the value forever.
+    The arguments after `value` are the durations of these phases [s]; `duration` may be infinite.
 
     >>> pulse = trapezoid(2.0, ramp_up=0.1, duration=0.3, ramp_down=0.1)
     >>> round(float(pulse.integral(0.0, 1.0)), 9)

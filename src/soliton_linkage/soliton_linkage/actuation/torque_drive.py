@@ -38,8 +38,8 @@ class MeanTorque(NamedTuple):
 class EdgeDrive:
     """Torque of the actuators at both edges and of a torque pulse, as a function of time.
 
-    A command replaces the previous one, whose actuator then returns to rest. From call to call,
-    times [s] must not decrease.
+    A command replaces the previous one, whose actuator then returns to rest. Times [s] must not
+    decrease.
     """
 
     def __init__(self, actuator: Actuator) -> None:

@@ -46,8 +46,7 @@ _SWITCHES = {
 `Chain` array that contains its values for all rotors or springs."""
 _OF_SPRINGS = {'spacings': [0.0], 'offsets': [0.0], 'rest_lengths': [1e9], 'stiffnesses': [0.0]}
 """Names of the `Chain` arrays with one value per spring, each with its value for the springs that
-connect two chains in `joined`. Because of the large rest length, these springs never have the
-length 0."""
+connect two chains in `joined`. Their rest length is so large that they never have the length 0."""
 
 
 def joined(chains: Sequence[Chain]) -> Chain:

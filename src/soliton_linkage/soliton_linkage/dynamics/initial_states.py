@@ -60,7 +60,7 @@ def with_soliton(chain: Chain, site: float, velocity: float) -> State:
 def with_pair(chain: Chain, kink: float, anti_kink: float) -> State:
     """Return a kink and an anti-kink, both at rest, at given sites [rotor spacings].
 
-    Outside the pair, the chain leans left if `kink` > `anti_kink`, and otherwise right. Raises the
+    Outside the pair, the chain leans left if `kink` > `anti_kink`, otherwise right. Raises the
     errors of `static_wall`.
     """
     from soliton_linkage.solitons.anti_kink import continuum_anti_kink

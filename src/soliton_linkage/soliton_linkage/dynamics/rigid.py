@@ -50,8 +50,7 @@ class RigidSimulation(Simulation):
 
     Rates and impulses are projected onto the zero mode. After each step, corrections make the bar
     lengths and the energy exact. Raises ValueError for fixed rotors, for periodic ends, and for
-    initial angles that the bars do not allow. The methods that advance the simulation raise
-    ArithmeticError if the bars jam.
+    initial angles that the bars do not allow, and later ArithmeticError if the bars jam.
     """
 
     _settings = RigidSettings()

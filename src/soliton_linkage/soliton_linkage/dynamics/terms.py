@@ -316,8 +316,7 @@ def tension(w: float) -> float:
     """Return 1 - 1 / sqrt(w): the force of a spring divided by k l, for l = lbar sqrt(w).
 
     With an estimate y of 1 / sqrt(w) and d = 1 - w y^2, the series y (1 + d / 2 + 3 d^2 / 8)
-    equals 1 / sqrt(w) in double precision. A division and a square root would double the computing
-    time of a spring.
+    equals 1 / sqrt(w) in double precision. A division and a square root would take twice as long.
     """
     y = _inverse_root_estimate(w)
     d = 1 - w * y * y
@@ -335,8 +334,7 @@ def _set_springs(work: Array, rotors: int, rows: Array, first: int) -> None:
         torque on the left  = (1 - 1 / sqrt(w)) [lever c - cross (s c' - c s')],
         torque on the right = (1 - 1 / sqrt(w)) [cross (s c' - c s') - lever' c'].
 
-    With periodic ends, the last spring joins the last rotor to the first. With free ends, the
-    levers of this last spring are 0.
+    The last spring joins the last rotor to the first; with free ends, its levers are 0.
     """
     prefer_wide_vectors()
     work[COSINES, rotors], work[SINES, rotors] = work[COSINES, 0], work[SINES, 0]

@@ -58,8 +58,7 @@ def bloch_matrix(chain: Chain, wave_numbers: ArrayLike, lean: int = 1) -> Comple
 def bloch_dynamical_matrix(chain: Chain, wave_numbers: ArrayLike, lean: int = 1) -> ComplexArray:
     """Return the dynamical matrix D(k) = k_e R(k)^dagger R(k) / (M r^2) [rad^2/s^2], (..., 2, 2).
 
-    Wave numbers k [rad/m] must be finite and real. The eigenvalues of D(k) are the squared angular
-    frequencies of the two branches.
+    Wave numbers k [rad/m] must be finite and real. The eigenvalues are the squared frequencies.
     """
     matrix = bloch_matrix(chain, np.asarray(wave_numbers, dtype=np.float64), lean)
     matrix /= chain.rotor_length * chain.time_unit
@@ -70,8 +69,7 @@ def dispersion(chain: Chain, wave_numbers: ArrayLike, branch: int = 1) -> Array:
     """Return the angular frequencies [rad/s] of phonons with given finite wave numbers [rad/m].
 
     omega(k) = sqrt(k_e / M) |q+ +- q- e^(i k a)| / r, where `branch` (+1 or -1) is the sign +-.
-    The paper (section 1) omits 1/r. When k runs from -pi / a to pi / a, each of the two branches
-    alone covers the whole spectrum.
+    The paper (section 1) omits 1/r. From k = -pi / a to pi / a, each branch covers all phonons.
     """
     if branch not in (-1, 1):
         raise ValueError(f'branch = {branch!r} must be +1 or -1')

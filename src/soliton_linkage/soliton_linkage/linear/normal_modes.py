@@ -112,11 +112,10 @@ def phonon_energies(chain: Chain, angles: ArrayLike, rates: ArrayLike) -> tuple[
     """Return the frequencies [rad/s] and the energies [J] of all normal modes, shape (N,) each.
 
     The modes are vibrations about the relaxed configuration that `unstretched` finds near
-    `angles`. The sum of the mode energies is the kinetic and elastic energy of the chain, up to
-    terms of third order in the displacements from the relaxed configuration. With free ends, the
-    first energy is that of the zero mode: the kinetic energy that a wall would have in a chain of
-    rigid bars. Raises ValueError for invalid angles [rad] or rates [rad/s], and if no relaxed
-    configuration is near.
+    `angles`. The sum of the energies is the energy of the chain, up to terms of third order in the
+    displacements from this configuration. With free ends, the first energy is that of the zero
+    mode: the kinetic energy of a wall in a chain of rigid bars. Raises ValueError for invalid
+    angles [rad] or rates [rad/s], and if no relaxed configuration is near.
     """
     given = chain.check_angles(angles)
     relaxed = unstretched(chain, given)

@@ -93,9 +93,9 @@ def zero_mode(chain: Chain, angles: Array) -> Array:
     """Return the zero mode at a configuration: the unit vector t [1] with R t = 0, shape (N,).
 
     The recursion t_{n+1} = -(A_n / B_n) t_n with the levers A and B of `rigidity_bands` has no
-    cancellation and takes a time O(N). The sign of t is chosen so that t_n has the sign of (-1)^n
-    prod_{j < n} A_j prod_{j >= n} B_j, which is a maximal minor of R. With this choice of sign, t
-    is continuous along a motion of the chain. Raises ValueError for periodic ends.
+    cancellation and takes a time O(N). t_n has the sign of (-1)^n prod_{j < n} A_j prod_{j >= n}
+    B_j, a maximal minor of R, so that t is continuous along a motion of the chain. Raises
+    ValueError for periodic ends.
 
     >>> chain = Chain(number_of_rotors=10)
     >>> leaning_left = chain.uniform_state(-1)

@@ -112,10 +112,9 @@ def gram_matrix_bands(first: Array, second: Array) -> Array:
 def stiffness_matrix(chain: Chain, angles: Array) -> csc_array:
     """Return the second derivatives of the elastic energy [N m/rad^2], sparse, shape (N, N).
 
-    With the length l, rest length lbar and stiffness k_e of each spring, the matrix is the sum
-    over the springs of k_e (grad l grad l^T + (l - lbar) grad grad l). grad is the derivative with
-    respect to the angles, and grad grad l = grad grad e / (2 l) - grad l grad l^T / l with e = l^2
-    - lbar^2.
+    With the length l, rest length lbar and stiffness k_e of each spring, it is the sum over the
+    springs of k_e (grad l grad l^T + (l - lbar) grad grad l), where grad is the derivative by the
+    angles and grad grad l = grad grad e / (2 l) - grad l grad l^T / l with e = l^2 - lbar^2.
     """
     checked = chain.check_angles(angles)
     extensions, first, second = chain.springs(checked)

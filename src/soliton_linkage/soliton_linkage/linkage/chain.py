@@ -187,8 +187,7 @@ class Chain:
     def wall_width(self) -> float:
         """Width w of a slow wall in the continuum theory [m].
 
-        w = a^2 / (2 r sin(theta_bar)) for flippers (phi^4 theory), and w = r sin(theta_bar) for
-        spinners (sine-Gordon theory).
+        It is a^2 / (2 r sin(theta_bar)) for flippers (phi^4) and r sin(theta_bar) for spinners.
         """
         lean = self.rotor_length * math.sin(self.rest_angle)
         return lean if self.motion is Motion.SPINNER else self.spacing**2 / (2 * lean)

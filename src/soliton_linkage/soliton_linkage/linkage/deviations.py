@@ -136,9 +136,8 @@ def drawn_deviations(
     """Return random deviations, which are independent normal random numbers with the mean 0.
 
     `fractions` contains the relative standard deviation of each quantity that deviates. For a
-    given seed, the random deviations of a quantity do not depend on which other quantities
-    deviate. Raises ValueError for invalid arguments, and if a random deviation is outside the
-    range that `Deviations` allows.
+    given seed, the result for a quantity does not depend on which other quantities deviate. Raises
+    ValueError for invalid arguments, and for results outside the range of `Deviations`.
     """
     for name, value, least in (('number_of_rotors', number_of_rotors, 2), ('seed', seed, 0)):
         if not isinstance(value, Integral) or value < least:

@@ -232,8 +232,8 @@ def unstuff(stuffed: bytes) -> bytes:
 class FrameDecoder:
     """Decoder of text or binary frames in a stream of chunks; other input is ignored.
 
-    The last valid frame determines the protocol. After the first text line with a checksum, lines
-    without a checksum are rejected.
+    The last valid frame determines the protocol. After a text line with a checksum, lines without
+    a checksum are rejected.
     """
 
     def __init__(self) -> None:

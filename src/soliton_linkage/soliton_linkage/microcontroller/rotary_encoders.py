@@ -89,8 +89,7 @@ class AngleReader:
     def read(self, frame: SerialFrame) -> Array:
         """Return the angle of each rotor [rad], (N,), NaN if missing; ValueError as in `check`.
 
-        If the readings wrap after a turn, a rotor must turn by less than half a turn between valid
-        readings.
+        If readings wrap, a rotor must turn by less than half a turn between its valid readings.
         """
         self.check(frame)
         angles = frame.values * self._radians[frame.kind] - self._offsets

@@ -109,9 +109,8 @@ class DeviatingOrbit(Orbit):
     def _reflections(self) -> list[float]:
         """Return the arc lengths at which legs end [rad], from the start of the first piece.
 
-        In a flipper, a leg ends where the neighbour of the edge rotor reverses its rotation,
-        because the edge rotor and its bar are collinear. In a spinner, a leg ends at an extremum
-        of sum_n sin(phi_n).
+        In a flipper, a leg ends where the edge rotor and its bar are collinear, so that its
+        neighbour reverses its rotation; in a spinner, at an extremum of sum_n sin(phi_n).
         """
         last = self.chain.number_of_rotors - 1
         spinner = self.chain.motion is Motion.SPINNER

@@ -131,9 +131,8 @@ class Orbit(ABC):
     def background(self, arc: float) -> tuple[Array, Array]:
         """Return the angles on the left and on the right of the wall [rad], shape (N,) each.
 
-        The first array contains the angle of each rotor while it is far to the left of the wall,
-        the second one its angle while it is far to the right. Both are the same for all arc
-        lengths in a leg.
+        The arrays contain the angle of each rotor while it is far to the left, and while it is far
+        to the right of the wall. They are the same for all arc lengths in a leg.
         """
 
     def configuration(self, arc: float) -> Array:
@@ -159,10 +158,9 @@ class Orbit(ABC):
     def free_rate(self, arc: float) -> float:
         """Return the rate ds/dt of free motion, relative to a chain with equal rotors [1].
 
-        Free motion conserves the kinetic energy sum_n (I_n / 2) (t_n ds/dt)^2, where t is the
-        tangent and I_n is the moment of inertia of rotor n. For the same energy, and with the
-        moment of inertia I of a rotor without deviations, the relative rate is therefore 1 /
-        sqrt(sum_n (I_n / I) t_n^2).
+        Free motion conserves the kinetic energy sum_n (I_n / 2) (t_n ds/dt)^2 with the tangent t
+        and the moments of inertia I_n. With the moment of inertia I of a rotor without deviations,
+        the relative rate is therefore 1 / sqrt(sum_n (I_n / I) t_n^2).
         """
         segment = self.segment(arc)
         moments = self.chain.moments_of_inertia[segment.within]

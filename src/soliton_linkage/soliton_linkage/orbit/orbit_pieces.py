@@ -82,8 +82,7 @@ class OrbitPiece:
 def orbit_pieces(chain: Chain) -> list[OrbitPiece]:
     """Return the pieces of the closed orbit in their order along it, from the middle of leg 0 on.
 
-    Raises ValueError if the wall cannot pass through the chain, or if the computation would take
-    longer than about a minute.
+    Raises ValueError if the wall cannot pass, or if the computation would take over a minute.
     """
     last = chain.number_of_rotors - 1
     depth = penetration_depth(chain) / chain.spacing

@@ -1,16 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Path of a wall from rotor to rotor through a chain with deviations of rotors and springs.
 
-The seed is the rotor that moves most at the present position of the wall. The angle of the seed
-determines the angles of all other rotors. Where the levers of the bar between the seed and a
-neighbour are equal, |A_n| = |B_n|, both rotors move equally fast, and the neighbour becomes the
-seed.
+The seed is the rotor that moves most at the present position of the wall. Its angle determines the
+angles of all other rotors. Where the levers of the bar between the seed and a neighbour are equal,
+|A_n| = |B_n|, both rotors move equally fast, and the neighbour becomes the seed.
 
 For a given angle of rotor n + 1, the bar from rotor n to rotor n + 1 allows two angles of rotor n,
 at which A_n has opposite signs. While the seed is to the right of rotor n, A_n does not vanish.
 Therefore, A_n keeps the sign that it had when the seed changed from n to n + 1, and this sign
-selects one of the two angles. For a seed to the left of rotor n, the sign of B_{n-1} selects the
-angle in the same way.
+selects an angle. For a seed to the left of rotor n, the sign of B_{n-1} selects the angle.
 """
 
 from __future__ import annotations
@@ -136,10 +134,9 @@ class _Seed:
         return best
 
     def _bond(self, rotor: int, towards: int, angle: float) -> tuple[float, float, float]:
-        """Return the angle [rad] of the next rotor, and the levers of the bar, times its length.
+        """Return the angle [rad] of the next rotor, and the levers times the bar length [m^2].
 
-        The levers [m^2] are those of `rotor`, which has the angle `angle` [rad], and of the next
-        one.
+        The levers are those of `rotor`, which has the angle `angle` [rad], and of the next one.
         """
         bar, far = min(rotor, rotor + towards), rotor + towards
         branch = (self.right_branches if towards > 0 else self.left_branches)[bar]

@@ -32,10 +32,9 @@ _HARDEST_KICK = 1e9
 class WallTheory(ABC):
     """Theory of relativistic walls in a uniform chain, exact for very small or large lean ratio.
 
-    If `exact_sound` is true, c is the exact speed of sound of the chain, which agrees better with
-    simulated walls. E_s = M_eff c^2 then holds only in the limit of very small or large d.
-    Velocities are in m/s. Methods raise ValueError for velocities of c or more, and for charges
-    other than 1 and -1.
+    If `exact_sound` is true, c is the exact speed of sound, which agrees better with simulated
+    walls. E_s = M_eff c^2 then holds only in the limit of very small or large d. Velocities are in
+    m/s. Methods raise ValueError for velocities of c or more, and for charges other than +-1.
     """
 
     chain: Chain
@@ -188,8 +187,8 @@ class FlipperTheory(WallTheory):
     ) -> Array:
         """Return the field u = -Q ub tanh((x - X) / w) [m] at positions x [m], shape (...).
 
-        The wall of charge Q and width w is at `position` X [m]. The paper has the field for Q = -1
-        (equations `width` and `Kink2`).
+        The wall of charge Q and width w is at `position` X [m]. The equations `width` and `Kink2`
+        of the paper are for Q = -1.
         """
         scaled = self._scaled(x, position, velocity)
         return np.asarray(-_checked_sign('charge', charge) * self.lean * np.tanh(scaled))
@@ -248,8 +247,7 @@ class SpinnerTheory(WallTheory):
     In the paper (supporting information), the last term has an additional factor a. `family`
     distinguishes two assemblies of the chain. Modulo 2 pi, theta changes across a wall from
     theta_bar to theta_bar + pi in the family +1, and from pi - theta_bar to -theta_bar in the
-    family -1. In the family -1, replace psi by psi - pi and theta_bar by -theta_bar in the formula
-    for theta.
+    family -1, for which psi - pi and -theta_bar replace psi and theta_bar in theta.
     """
 
     family: int = 1

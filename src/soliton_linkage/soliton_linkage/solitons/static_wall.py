@@ -88,9 +88,8 @@ def site_arc(chain: Chain) -> float:
     """Return Lambda, the arc length of the zero-energy orbit per rotor spacing [rad].
 
     Lambda is the integral of sqrt(sum_n dphi_n^2) over one rotor spacing of the chain without
-    deviations. A slow wall has the speed v = a |phi_dot| / Lambda, where |phi_dot| is the norm of
-    the rates of all rotors. Raises ValueError for a lean ratio d that differs from d_c by less
-    than 1e-9 d_c or is below 2e-4.
+    deviations. A slow wall has the speed v = a |phi_dot| / Lambda with the norm |phi_dot| of all
+    rates. Raises ValueError for a lean ratio d within 1e-9 d_c of d_c or below 2e-4.
 
         >>> chain = Chain(rest_angle=0.97)
         >>> round(site_arc(chain) * chain.rotor_length / chain.spacing, 6)
@@ -120,8 +119,7 @@ def angles_from_seed(
     """Return all angles of a chain of bars [rad], (N,), given the angle of the rotor `seed`.
 
     On the left of the seed, A_n has the sign left_branches[n], and on its right, B_n has the sign
-    right_branches[n]. Both arrays have the shape (springs,). Raises ValueError if a bar is too
-    short or too long.
+    right_branches[n], (springs,) each. Raises ValueError if a bar is too short or too long.
     """
     if seed not in range(chain.number_of_rotors):
         raise ValueError(f'seed = {seed} must be a rotor from 0 to {chain.number_of_rotors - 1}')
@@ -202,8 +200,7 @@ def follow_zero_mode(
 
     `tangent` returns the tangent at a configuration. `tolerances` are the relative [1] and the
     absolute [rad] tolerance of the solver. `begin` and `end` are arc lengths from `start` [rad],
-    and `angles` is a function that interpolates the angles between them. Raises ArithmeticError if
-    the orbit does not reach `goal`.
+    and `angles` interpolates between them. Raises ArithmeticError if `goal` is not reached.
     """
     limits = dict(zip(('rtol', 'atol'), tolerances, strict=True))
     solver = DOP853(lambda _, angles: tangent(angles), 0.0, start, np.inf, **limits)

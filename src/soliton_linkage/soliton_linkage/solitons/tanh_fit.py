@@ -5,9 +5,8 @@ The polarisation of a bond is the direction in which the zero mode grows across 
 detected where the polarisation changes its sign. The order field m_n of rotor n is +1 where the
 chain leans right and -1 where it leans left. The position X of a wall of charge Q follows from a
 fit of the function m_n = -Q tanh((n - X) / w) to the order field, where w is the width of a slow
-wall. The bias of X is below 0.002 rotor spacings for lean ratios d < 0.9 or d > 2.5 d_c, and below
-0.1 for d < 2 or d > 1.4 d_c. For other chains, the bias is up to 2 rotor spacings, because the
-order field is not a tanh.
+wall. The bias of X is below 0.002 rotor spacings for lean ratios d < 0.9 or d > 2.5 d_c, below 0.1
+for d < 2 or d > 1.4 d_c, and otherwise up to 2, because the order field is then not a tanh.
 """
 
 from __future__ import annotations
@@ -66,9 +65,8 @@ class Soliton:
 def polarisation(chain: Chain, angles: Array) -> Array:
     """Return the polarisation of each bond [1], shape (..., springs).
 
-    The polarisation is the ratio (A^2 - B^2) / (A^2 + B^2) with the levers A and B, divided by the
-    same ratio in the right-leaning state. It is +1 in the right-leaning and -1 in the left-leaning
-    state.
+    It is the ratio (A^2 - B^2) / (A^2 + B^2) with the levers A and B, divided by the same ratio in
+    the right-leaning state, so that it is +1 in this and -1 in the left-leaning state.
     """
     first, second = rigidity_bands(chain, angles)
     plus, minus = couplings(chain)
@@ -283,9 +281,8 @@ def _polarisation_crossings(polarised: Array) -> list[tuple[float, int]]:
 def charge_of_field(displacements: ArrayLike, lean: float) -> float:
     """Return the topological charge of a field u(x), Q = [u(-inf) - u(+inf)] / (2 ub) [1].
 
-    `displacements` are the values of u along the chain [m], and `lean` is ub [m]. The paper
-    (equation `soliton_charge`) has the opposite sign. With the sign used here, a wall with zero
-    energy has the charge +1.
+    `displacements` are the values of u along the chain [m], and `lean` is ub [m]. A wall with zero
+    energy has the charge +1. The paper (equation `soliton_charge`) has the opposite sign.
     """
     if not (math.isfinite(lean) and lean > 0):
         raise ValueError(f'lean = {lean} m must be a finite number above 0')

@@ -64,9 +64,8 @@ class SteeringSettings(CheckedQuantities):
     observer_ratio: float = quantity(
         3.0, 'ratio of the bandwidths of observer and feedback', '', 0.1, 100.0
     )
-    """Sensitivity: at 0.5x, the torques due to noise are a third as large, and the errors in
-    disordered chains are four times as large. At 2x, noise causes four times the torques and 10 to
-    50 times the phonon energy."""
+    """Sensitivity: at 0.5x, torques due to noise are a third as large, and errors in disordered
+    chains four times. At 2x, noise causes 4 times the torques and 10 to 50 the phonon energy."""
 
     period_memory: float = quantity(
         50.0, 'number of frames over which the frame period is averaged', 'frames', 1.0
@@ -93,9 +92,8 @@ class SteeringSettings(CheckedQuantities):
         '',
         0.0,
     )
-    """In the time 3 / b, an error decays to (1 + 3) e^-3 = 0.2 of its initial size. Sensitivity:
-    at 0.5x, arrivals are reported 1.5 / b earlier, with up to six times the error; at 2x, 3 / b
-    later, with the same error."""
+    """In the time 3 / b, an error decays to (1 + 3) e^-3 = 0.2. Sensitivity: at 0.5x, arrivals are
+    reported 1.5 / b earlier, with up to six times the error; at 2x, 3 / b later."""
 
     settling_timeout: float = quantity(
         30.0, 'longest time to settle after the trajectory, times the bandwidth', '', 0.0
@@ -110,9 +108,9 @@ class SteeringSettings(CheckedQuantities):
         'rotor spacings',
         1e-3,
     )
-    """Sensitivity: at 0.5x, the reference also restarts if the soliton lags by 0.9 rotor spacings
-    in a disordered chain, or if an impulse displaces it by 0.8 rotor spacings. At 2x, the torques
-    before a restart are larger."""
+    """Sensitivity: at 0.5x, the reference also restarts for a lag of 0.9 rotor spacings in a
+    disordered chain, or an impulse that displaces the soliton by 0.8. At 2x, the torques before a
+    restart are larger."""
 
     max_restarts: int = quantity(
         20, 'number of restarts after which a soliton that does not settle is lost', '', 0
@@ -120,8 +118,7 @@ class SteeringSettings(CheckedQuantities):
     """The reference restarts if the soliton is farther than `max_error` from it. After missing
     frames, one to three restarts are enough. A load that exceeds the force of the actuators
     displaces the soliton until this number of restarts is reached; the soliton is then released.
-    Sensitivity: at 0.5x, the release is 15 rotor spacings earlier; at 2x, 30 rotor spacings
-    later."""
+    Sensitivity: at 0.5x, the release is 15 rotor spacings earlier; at 2x, 30 later."""
 
     max_gap: float = quantity(
         5.0, 'time without frames after which the soliton may have moved', 'frame periods', 1.0

@@ -7,9 +7,8 @@ controller applies the force
     F = I [r'' + 2 b (r' - s') + b^2 (r - s) - d]
 
 along the orbit, with the bandwidth b. The estimates of s, s' and the disturbance d are predicted
-to the instant at which the torques act. Noise causes a force proportional to b^(5/2), and torques
-proportional to b^(5/2) q^(-1/2) with the coupling q of `TorqueAllocation`. Therefore b is chosen
-proportional to q^(1/5).
+to the instant at which the torques act. Noise causes torques proportional to b^(5/2) q^(-1/2) with
+the coupling q of `TorqueAllocation`. Therefore b is chosen proportional to q^(1/5).
 """
 
 from __future__ import annotations
@@ -193,8 +192,7 @@ class Steering:
     def move(self, site: float, speed: float = 0.0) -> MoveResult | None:
         """Start to move the wall to a site [rotor spacings]; return a result only for a rejection.
 
-        The speed is limited to `speed` [rotor spacings / s] unless this is 0, and to
-        `adiabatic_speed`.
+        The speed is limited to `adiabatic_speed` and `speed` [rotor spacings / s]; 0 is no limit.
         """
         estimate = self._observer.estimate
         rejection = self._rejection(site, speed, estimate)

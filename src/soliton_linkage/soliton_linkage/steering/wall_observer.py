@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Observer of a wall on which known torques act: an `OrbitFilter` that estimates a disturbance d.
 
-The model is s'' = u + d for the arc length s. u is the acceleration by the known torques, and d
-the acceleration by all other forces. Because d is estimated, a constant unknown force causes no
-steady error.
+The model is s'' = u + d for the arc length s, with the accelerations u by known torques and d by
+all other forces. Because d is estimated, a constant unknown force causes no steady error.
 """
 
 from __future__ import annotations
@@ -77,9 +76,8 @@ class WallObserver:
         """Process a frame and return the new estimate, or None if no wall is known.
 
         `angles` [rad], (N,), are NaN where unknown. `torques` [N m], (N,) or None, acted since the
-        previous frame. A frame that is not later than the previous one is ignored; one that is
-        earlier by more than `detection_timeout` restarts the observer. Raises ValueError for a
-        wrong shape.
+        previous frame. A frame that is not later than this is ignored; one earlier by more than
+        `detection_timeout` restarts the observer. Raises ValueError for a wrong shape.
         """
         before = self.estimate
         if before and time < before.time - self._settings.detection_timeout:

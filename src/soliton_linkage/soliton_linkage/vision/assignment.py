@@ -3,9 +3,8 @@
 
 The rotors are the steps of a hidden Markov model. The state of a rotor is "hidden" or one of its
 candidate dots. The likelihood of a dot depends on its colour, on its distance from the circle
-around the pivot, on the predicted angle, and on the distances from the dots of the neighbouring
-rotors. Viterbi's algorithm finds the most likely sequence of states. A cost is minus twice the log
-of a likelihood.
+around the pivot, on the predicted angle, and on the distances from the dots of the neighbours.
+Viterbi's algorithm finds the most likely sequence of states. A cost is -2 log likelihood.
 """
 
 from __future__ import annotations

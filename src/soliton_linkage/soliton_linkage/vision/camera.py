@@ -8,8 +8,7 @@ coefficients k1 to k6, p1 and p2, the lens maps a ray (x, y, 1) to
     q = x^2 + y^2,   R = (1 + k1 q + k2 q^2 + k3 q^3) / (1 + k4 q + k5 q^2 + k6 q^3),
 
 the model `rational_polynomial` of sensor_msgs/CameraInfo. The pixel is (fx x' + cx, fy y' + cy)
-for the focal lengths fx, fy and the principal point (cx, cy). The first pixel has its centre at
-(0, 0).
+for the focal lengths fx, fy and the principal point (cx, cy), relative to the first pixel.
 """
 
 from __future__ import annotations
@@ -28,9 +27,8 @@ _MAX_PIXELS = 32_768
 _COEFFICIENTS = 8
 """Number of distortion coefficients of the model rational_polynomial."""
 _MAX_ITERATIONS, _TOLERANCE = 50, 1e-6
-"""The iterative inversion of the lens model ends after this number of iterations [1], or when a
-step is smaller than this [pixels]. After 5 iterations, errors at wide angles are still 0.8
-pixels."""
+"""The inversion of the lens model ends after this number of iterations [1], or when a step is
+smaller than this [pixels]. After 5 iterations, errors at wide angles are still 0.8 pixels."""
 _MIN_PICTURES, _MAX_PICTURES = 3, 60
 """Smallest and largest number of pictures for a calibration [1]; with fewer ones, effects of focal
 lengths and distortion cannot be separated."""

@@ -5,8 +5,7 @@ The ray from the camera to the point (x, z) at the height h above the plane, tow
 
     g1 x + g2 z + g3 + h g1 x g2    (cross product),
 
-with the axes g1 and g2 of the plane and its origin g3. If the lens is calibrated, g1 and g2 are
-unit vectors.
+with the axes g1 and g2 of the plane (unit vectors if the lens is calibrated) and its origin g3.
 """
 
 from __future__ import annotations
@@ -95,8 +94,7 @@ class ChainPlane:
 def fit_plane(camera: Camera, points: Array, pixels: Array) -> tuple[ChainPlane, float]:
     """Fit a plane to points [m] and pixels, (K, 2) each; return it and the residual [pixels].
 
-    The residual is the root mean square error of a coordinate. Raises ValueError if the points
-    define no plane.
+    It is the root mean square error of a coordinate. Raises ValueError if there is no such plane.
     """
     if len(points) < MIN_POINTS:
         raise ValueError(

@@ -55,9 +55,8 @@ from soliton_linkage.linkage.chain import Array, Chain
 ORDER = 6
 """Order of the method: the error of a step of length h is proportional to h^7."""
 STABLE_STEP = 3.14
-"""Longest stable step, multiplied by the angular frequency of the fastest vibration [1]. If this
-product is slightly above pi, vibrations grow by less than 0.1 % per step; above 6.15, they grow
-without limit."""
+"""Longest stable step, multiplied by the angular frequency of the fastest vibration [1]. Slightly
+above pi, vibrations grow by less than 0.1 % per step, and above 6.15 without limit."""
 
 _HALF_OF_DRIFTS = (
     0.0378593198406116,
@@ -101,9 +100,8 @@ class SolverSettings:
     LARGEST_TURN [1]. Sensitivity: at 0.5x, 60 % more force evaluations if a rotor spins fast; with
     1, a rotor that accelerates within the step stops the integration."""
     aim: float = 0.3
-    """A new step length is chosen so that the expected error is this fraction of the
-    tolerance [1]. Sensitivity: at 0.5x, 10 % more force evaluations and half the error; at 2x, 10
-    % fewer and twice the error."""
+    """Expected error with a new step length, divided by the tolerance [1]. Sensitivity: at 0.5x,
+    10 % more force evaluations and half the error; at 2x, 10 % fewer and twice the error."""
     min_growth: float = 1.25
     """The step length increases only if the measured error allows a length that is larger by this
     factor [1]. Sensitivity: with 1.13 or 1.5, the number of force evaluations changes by 6 %."""
