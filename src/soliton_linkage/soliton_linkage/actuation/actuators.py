@@ -86,9 +86,9 @@ class PneumaticActuator(CheckedQuantities):
         `pressure` is the pressure at `start`; the times [s] are on the time axis of `command`.
         """
         integral = 0.0
-        for time, first, last in command.segments(start, end):
-            slope = float(last - first) / time if time else 0.0
-            pressure, share = self.follow(pressure, float(first), slope, time)
+        for line in command.segments(start, end):
+            slope = float(line.last - line.first) / line.duration if line.duration else 0.0
+            pressure, share = self.follow(pressure, float(line.first), slope, line.duration)
             integral += share
         return pressure, integral
 

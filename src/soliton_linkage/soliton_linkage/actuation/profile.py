@@ -18,11 +18,17 @@ RESOLUTION = 1e-9
 
 
 class Segment(NamedTuple):
-    """Linear segment of a profile: duration [s], value at the start, and value at the end."""
+    """Linear segment of a profile from `start` to `end` [s], with the values at both instants."""
 
-    duration: float
+    start: float
+    end: float
     first: Array
     last: Array
+
+    @property
+    def duration(self) -> float:
+        """Duration of the segment [s]."""
+        return self.end - self.start
 
 
 @dataclass(frozen=True)
@@ -73,18 +79,19 @@ class Profile:
         first = np.searchsorted(self.times, start, side='right')
         inside = np.unique(self.times[first : np.searchsorted(self.times, end)])
         for left, right in pairwise([start, *inside.tolist(), end]):
-            yield Segment(right - left, self.after(left), self.before(right))
+            yield Segment(left, right, self.after(left), self.before(right))
 
     def integral(self, start: float, end: float) -> Array:
         """Return the exact integral of the value between two instants [s], shape (...)."""
-        areas = [time * (first + last) / 2 for time, first, last in self.segments(start, end)]
+        lines = self.segments(start, end)
+        areas = [line.duration * (line.first + line.last) / 2 for line in lines]
         return np.asarray(np.sum(areas, axis=0))
 
     def mean(self, start: float, end: float) -> Array:
         """Return the exact mean of the value between two instants [s], shape (...)."""
         lines = list(self.segments(start, end))
         length = sum(line.duration for line in lines)
-        means = [time / length * ((first + last) / 2) for time, first, last in lines]
+        means = [line.duration / length * ((line.first + line.last) / 2) for line in lines]
         return np.asarray(np.sum(means, axis=0))
 
     def _between(self, following: int, time: float) -> Array:

@@ -109,7 +109,8 @@ class Steering:
         self._observer = WallObserver(orbit, settings.observer_ratio * self._bandwidth, settings)
         sent = settings.latency + 1
         self._sent = deque([_Sent()] * sent, maxlen=sent)
-        self._trajectory: ReferenceTrajectory | None = None
+        self.trajectory: ReferenceTrajectory | None = None
+        """Trajectory of the current or last move; None if the wall is released."""
         self._stopping = False
         self._resting_since: float | None = None
         self._moving = False
@@ -135,14 +136,9 @@ class Steering:
         return self._observer.estimate
 
     @property
-    def trajectory(self) -> ReferenceTrajectory | None:
-        """Trajectory of the current or last move; None if the wall is released."""
-        return self._trajectory
-
-    @property
     def holding(self) -> bool:
         """Whether the wall follows a trajectory or is held at its end."""
-        return self._trajectory is not None
+        return self.trajectory is not None
 
     def reset(self) -> None:
         """Release the wall and discard all frames."""
@@ -176,18 +172,18 @@ class Steering:
             self._observer.reset()
             self._last = self._observer.update(time, angles)
             return self._lost('the soliton has moved farther than its speed allows')
-        if self._trajectory is None:
+        if self.trajectory is None:
             return None
-        error = abs(self._trajectory.at(time).arc - estimate.arc) / self.orbit.site_arc
+        error = abs(self.trajectory.at(time).arc - estimate.arc) / self.orbit.site_arc
         if error > self.settings.max_error:
             if self._restarts >= self.settings.max_restarts:
                 return self._lost(
                     f'the soliton differs from its reference by {error:.2g} rotor spacings, more '
                     f'than {self.settings.max_error:g}, after {self._restarts} restarts'
                 )
-            self._restart(self._trajectory, estimate)
+            self._restart(self.trajectory, estimate)
             return None
-        return self._check_arrival(self._trajectory, estimate)
+        return self._check_arrival(self.trajectory, estimate)
 
     def move(self, site: float, speed: float = 0.0) -> MoveResult | None:
         """Start to move the wall to a site [rotor spacings]; return a result only for a rejection.
@@ -222,20 +218,20 @@ class Steering:
 
     def release(self) -> None:
         """Release the wall: apply no further torques."""
-        self._trajectory = None
+        self.trajectory = None
         self._moving = False
 
     def torques(self) -> Array:
         """Return the torques to send after the last frame [N m], shape (N,)."""
         estimate = self._observer.estimate
-        if estimate is None or self._trajectory is None:
+        if estimate is None or self.trajectory is None:
             self._sent.append(_Sent())
             return np.zeros(self.orbit.chain.number_of_rotors)
         then = estimate
         if math.isfinite(self._period):
             for sent in list(self._sent)[1:]:
                 then = then.after(self._period, sent.acceleration)
-        point, b = self._trajectory.at(then.time), self._bandwidth
+        point, b = self.trajectory.at(then.time), self._bandwidth
         correction = 2 * b * (point.rate - then.rate)
         acceleration = point.acceleration + correction + b**2 * (point.arc - then.arc)
         force = self._inertia * (acceleration - then.disturbance)
@@ -262,7 +258,7 @@ class Steering:
         self._observer.bandwidth = self.settings.observer_ratio * self._bandwidth
 
     def _begin(self, trajectory: ReferenceTrajectory, stopping: bool) -> None:
-        self._trajectory = trajectory
+        self.trajectory = trajectory
         self._stopping = stopping
         self._moving = True
         self._resting_since = None
@@ -278,11 +274,11 @@ class Steering:
         self._resting_since = None
         shortest, point = self._shortest, ReferencePoint(estimate.arc, estimate.rate, 0.0)
         if self._stopping:
-            self._trajectory = trajectory_to_rest(estimate.time, point, shortest)
+            self.trajectory = trajectory_to_rest(estimate.time, point, shortest)
         else:
             goal = self._nearest_arc(self.orbit.site(followed.goal), point, shortest)
             limit = self._speed_limit
-            self._trajectory = self._within_reach(goal, estimate, point, limit, shortest)
+            self.trajectory = self._within_reach(goal, estimate, point, limit, shortest)
 
     def _within_reach(
         self,
@@ -303,9 +299,9 @@ class Steering:
 
     def _reference(self, estimate: WallEstimate) -> ReferencePoint:
         """Return the reference at the time of an estimate; without a trajectory, the estimate."""
-        if self._trajectory is None:
+        if self.trajectory is None:
             return ReferencePoint(estimate.arc, estimate.rate, 0.0)
-        return self._trajectory.at(estimate.time)
+        return self.trajectory.at(estimate.time)
 
     def _nearest_arc(self, site: float, point: ReferencePoint, time: float) -> float:
         """Return the arc length [rad] at a site that is nearest to where a wall comes to rest.
