@@ -29,7 +29,7 @@ from rosbags.rosbag2 import Reader
 from wall_bag import RATE, named_chain, write_wall_bag
 
 from soliton_linkage.progress import ProgressLine
-from soliton_linkage_nodes.bags.reading import find_topic, open_bag, read_messages
+from soliton_linkage_nodes.bags.reading import find_topic, open_bag
 from soliton_linkage_nodes.messages.cdr import JointStateBuffer, JointStateDecoder
 from soliton_linkage_nodes.programs.bag_analysis import analyse_frames
 from soliton_linkage_nodes.runtime import interfaces
@@ -253,7 +253,7 @@ def read_by_ours(bag: Path) -> int:
     decoder = JointStateDecoder()
     with open_bag(bag) as reader:
         joints = find_topic(reader, 'joint_states')
-        messages = read_messages(reader, [joints])
+        messages = reader.messages([joints])
         return sum(decoder.decode(data) is not None for _, _, data in messages)
 
 

@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 from hypothesis import strategies as st
 from rclpy.serialization import serialize_message
-from rosbags.interfaces import Connection, MessageDefinition, MessageDefinitionFormat
 from rosbags.typesys import Stores, get_typestore
 from std_msgs.msg import Float64
 
@@ -20,10 +19,11 @@ from soliton_linkage.linkage.chain import Chain
 from soliton_linkage_msgs import msg
 from soliton_linkage_nodes.bags.guards import BagLimits, load_json, load_yaml
 from soliton_linkage_nodes.bags.metadata import METADATA_FILE
-from soliton_linkage_nodes.bags.reading import decoder, open_bag, read_messages, type_name
+from soliton_linkage_nodes.bags.reading import decoder, open_bag, type_name
 from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
 from soliton_linkage_nodes.bags.recovery import check_bag, recover_bag
 from soliton_linkage_nodes.bags.storages import mcap_records as mcap
+from soliton_linkage_nodes.bags.stored_topic import StoredTopic
 from soliton_linkage_nodes.messages.cdr import ImpulseDecoder, JointStateDecoder
 from soliton_linkage_nodes.messages.conversions import (
     Frame,
@@ -174,22 +174,21 @@ def _feed_bag(suffix: str, content: bytes, metadata: bytes | None = None) -> Non
 def _read(path: Path) -> None:
     with open_bag(path, LIMITS) as reader:
         decoders = {}
-        for connection in reader.connections:
+        for topic in reader.topics:
             with suppress(ValueError):
-                decoders[connection.id] = decoder(connection)
-        for connection, _, serialized in read_messages(reader, reader.connections):
-            if connection.id in decoders:
-                refused(lambda c=connection, s=serialized: decoders[c.id](s))
+                decoders[topic] = decoder(topic)
+        for topic, _, serialized in reader.messages(reader.topics):
+            if topic in decoders:
+                refused(lambda t=topic, s=serialized: decoders[t](s))
 
 
 def _feed_definition(content: bytes) -> None:
     """Read joint states with the definition in the bag."""
     text, _, serialized = content.partition(b'\x00\x00\x00\x00')
-    definition = MessageDefinition(MessageDefinitionFormat.MSG, text.decode(errors='replace'))
-    topic = interfaces.JOINT_STATES
-    name = type_name(topic.type)
-    connection = Connection(1, '/x', name, definition, 'RIHS01_x', 1, None, None)
-    refused(lambda: decoder(connection)(serialized))
+    name = type_name(interfaces.JOINT_STATES.type)
+    definition = text.decode(errors='replace')
+    topic = StoredTopic(1, '/x', name, definition, 'ros2msg', 'RIHS01_x', '')
+    refused(lambda: decoder(topic)(serialized))
 
 
 def _definitions() -> Sequence[bytes]:
@@ -200,18 +199,14 @@ def _definitions() -> Sequence[bytes]:
 
 def _feed_chain(content: bytes) -> None:
     topic = interfaces.CHAIN
-    connection = Connection(
-        1, '/chain', type_name(topic.type), MessageDefinition(0, ''), '', 1, None, None
-    )
-    refused(lambda: chain_from_msg(decoder(connection)(content)))
+    stored = StoredTopic(1, '/chain', type_name(topic.type), '', '', '', '')
+    refused(lambda: chain_from_msg(decoder(stored)(content)))
 
 
 def _feed_states(content: bytes) -> None:
     topic = interfaces.SOLITON_STATE
-    connection = Connection(
-        1, '/soliton_state', type_name(topic.type), MessageDefinition(0, ''), '', 1, None, None
-    )
-    refused(lambda: solitons_from_msg(decoder(connection)(content)))
+    stored = StoredTopic(1, '/soliton_state', type_name(topic.type), '', '', '', '')
+    refused(lambda: solitons_from_msg(decoder(stored)(content)))
 
 
 def _feed_joint_states(content: bytes) -> None:

@@ -11,10 +11,11 @@ import numpy as np
 from rclpy.publisher import Publisher
 from rclpy.serialization import serialize_message
 from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag2.metadata import parse_qos
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
-from soliton_linkage_nodes.bags.reading import open_bag, read_messages, type_name
+from soliton_linkage_nodes.bags.reading import open_bag, type_name
 from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
 from soliton_linkage_nodes.messages.conversions import (
     Frame,
@@ -79,20 +80,20 @@ def as_sqlite3(bag: Path) -> None:
         open_bag(whole) as reader,
         Writer(bag, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer,
     ):
-        for key, value in (reader.storage.metadata.custom or {}).items():
+        for key, value in reader.custom_data.items():
             writer.set_custom_data(key, value)
         written = {
-            each.id: writer.add_connection(
-                each.topic,
-                each.msgtype,
-                msgdef=each.msgdef.data,
+            each: writer.add_connection(
+                each.name,
+                each.type_name,
+                msgdef=each.definition,
                 rihs01=each.digest,
-                offered_qos_profiles=each.ext.offered_qos_profiles,
+                offered_qos_profiles=parse_qos(each.profiles),
             )
-            for each in reader.connections
+            for each in reader.topics
         }
-        for each, stamp, data in read_messages(reader, reader.connections):
-            writer.write(written[each.id], stamp, data)
+        for each, stamp, data in reader.messages(reader.topics):
+            writer.write(written[each], stamp, data)
     shutil.rmtree(whole)
 
 
@@ -103,15 +104,15 @@ def data_file(bag: Path) -> Path:
 
 def messages_of(bag: Path) -> dict[str, list[bytes]]:
     with open_bag(bag) as reader:
-        held: dict[str, list[bytes]] = {connection.topic: [] for connection in reader.connections}
-        for connection, _, serialized in read_messages(reader, reader.connections):
-            held[connection.topic].append(serialized)
+        held: dict[str, list[bytes]] = {topic.name: [] for topic in reader.topics}
+        for topic, _, serialized in reader.messages(reader.topics):
+            held[topic.name].append(serialized)
     return held
 
 
 def lost_in(bag: Path) -> dict[str, int]:
     with open_bag(bag) as reader:
-        return json.loads(reader.storage.metadata.custom['lost_messages'])
+        return json.loads(reader.custom_data['lost_messages'])
 
 
 def publish_frames(publisher: Publisher, named: NamedChain, frames: int) -> list[bytes]:

@@ -18,7 +18,7 @@ from matplotlib.image import imread
 from soliton_linkage.dynamics.elastic import simulate
 from soliton_linkage.linear.rigidity import Edge, edge_mode
 from soliton_linkage.solitons.track import find_crossings, follow
-from soliton_linkage_nodes.bags.reading import find_topic, open_bag, read_messages, read_topic
+from soliton_linkage_nodes.bags.reading import find_topic, open_bag, read_topic
 from soliton_linkage_nodes.bags.recovery import check_bag
 from soliton_linkage_nodes.messages.cdr import read_stamp
 from soliton_linkage_nodes.messages.conversions import joint_states_from_msg
@@ -203,7 +203,7 @@ def assert_live_analysis_is_that_of_the_recording(bag: Path) -> None:
         frames = [message for _, message in read_topic(reader, 'joint_states')]
         analysis = JointStateAnalysis()
         analysis.set_chain(read_chain(reader))
-        kicks = list(read_messages(reader, [find_topic(reader, 'delivered_impulses')]))
+        kicks = list(reader.messages([find_topic(reader, 'delivered_impulses')]))
     assert len(kicks) == 1
     assert len(live) > 100
     recorded = False
@@ -244,7 +244,7 @@ def predicted_speed(run: RecordedRun) -> float:
 
 def frames_in(bag: Path) -> int:
     with open_bag(bag) as reader:
-        return reader.topics['/joint_states'].msgcount
+        return reader.counts[find_topic(reader, '/joint_states')]
 
 
 def assert_nothing_runs(output: Path) -> None:

@@ -16,7 +16,7 @@ from recordings import data_file
 
 from soliton_linkage_nodes.bags.guards import BagLimits
 from soliton_linkage_nodes.bags.player import BagPlayer
-from soliton_linkage_nodes.bags.reading import message_class, open_bag, read_messages
+from soliton_linkage_nodes.bags.reading import message_class, open_bag
 from soliton_linkage_nodes.bags.recovery import check_bag, recover_bag
 
 SIZE = 100_000
@@ -72,8 +72,8 @@ def bounded() -> Iterator[None]:
 def contents(bag: Path) -> Held:
     """Topic, stamp and size of each message: what pads a message differs from time to time."""
     with open_bag(bag, LIMITS) as reader:
-        found = read_messages(reader, reader.connections)
-        return {(c.topic, stamp, len(data)) for c, stamp, data in found}
+        found = reader.messages(reader.topics)
+        return {(each.name, stamp, len(data)) for each, stamp, data in found}
 
 
 def attempt(act: Callable[[], object]) -> str:

@@ -23,7 +23,8 @@ from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 from soliton_linkage_nodes.bags import recorder
-from soliton_linkage_nodes.bags.reading import gaps_of, open_bag, read_topic
+from soliton_linkage_nodes.bags.metadata import gaps_in
+from soliton_linkage_nodes.bags.reading import open_bag, read_topic
 from soliton_linkage_nodes.bags.record.receiving_thread import ReceivingThread
 from soliton_linkage_nodes.bags.record.subscriptions import RecordedSubscription
 from soliton_linkage_nodes.bags.recorder import BagRecorder
@@ -147,7 +148,7 @@ def test_an_account_of_the_recording_is_kept_in_the_bag(graph, named, tmp_path):
     graph.until(lambda: recorder.messages, 'the chain')
     graph.stop(recorder)
     with open_bag(tmp_path / 'run_0') as reader:
-        custom = reader.storage.metadata.custom
+        custom = reader.custom_data
     told = json.loads(custom['chain'])['/chain']
     assert told['number_of_rotors'] == 8
     assert told['spacing'] == named.chain.spacing
@@ -225,7 +226,7 @@ def test_messages_during_a_pause_are_omitted_except_latched_ones(graph, named, t
     assert len(held['/chain']) == 1
     assert lost_in(tmp_path / 'run_0')['/joint_states'] == 0
     with open_bag(tmp_path / 'run_0') as reader:
-        ((start, end),) = gaps_of(reader)
+        ((start, end),) = gaps_in(reader.custom_data)
         received = [stamp for stamp, _ in read_topic(reader, 'joint_states')]
     assert received[9] < start < end < received[10]
 

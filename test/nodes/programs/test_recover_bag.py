@@ -127,7 +127,7 @@ def test_a_cut_bag_is_recovered_beside_it(ran, named, tmp_path, storage):
     assert code == 0
     with open_bag(tmp_path / 'run_0_recovered_0') as reader:
         count = reader.message_count
-        assert 'damage' in reader.storage.metadata.custom
+        assert 'damage' in reader.custom_data
     assert 100 < count < 500
     assert recovered[-1].startswith(f'recovered {count} messages')
     lost = re.search(r', (\d+) lost into', recovered[-1])

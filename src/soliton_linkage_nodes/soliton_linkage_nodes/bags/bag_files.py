@@ -4,17 +4,19 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import json
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from operator import itemgetter
 from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
-
-from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinitionFormat
+from typing import Any, TypeAlias
 
 from soliton_linkage_nodes.bags.guards import (
     PACKED,
+    BagLimits,
     decompress_file,
     decompressed_message,
     open_file,
@@ -29,140 +31,148 @@ from soliton_linkage_nodes.bags.metadata import (
 )
 from soliton_linkage_nodes.bags.storages.mcap_reader import IndexedMcap
 from soliton_linkage_nodes.bags.storages.sqlite_files import StoredSqlite
-from soliton_linkage_nodes.bags.storages.storage import (
-    LimitedReader,
-    Messages,
-    parse_profiles,
-    summary_of,
-)
-from soliton_linkage_nodes.bags.stored_topic import CDR
+from soliton_linkage_nodes.bags.stored_topic import StoredTopic
 
-if TYPE_CHECKING:
-    from rosbags.rosbag2.reader import ReaderProtocol
-
-_READERS: dict[str, type[IndexedMcap | StoredSqlite]] = {
-    'mcap': IndexedMcap,
-    'sqlite3': StoredSqlite,
-}
+_File: TypeAlias = IndexedMcap | StoredSqlite
+_Received: TypeAlias = tuple[StoredTopic, int, bytes]
+_READERS: dict[str, type[_File]] = {'mcap': IndexedMcap, 'sqlite3': StoredSqlite}
 _MODES = ('', 'none', 'file', 'message', 'storage')
 _MOST_FILES = 10_000
 """Largest accepted number of files of a bag [1]. One file per ten seconds gives 8640 per day."""
 
 
-class BagFiles(LimitedReader):
+class BagReader:
     """Reader of a bag directory or of one file of a bag.
 
-    It yields messages in the order of their receive times. MCAP channels with the same topic name,
-    type and encoding count as one topic. If the files lack the QoS profiles or the type hash of a
-    topic, these are taken from metadata.yaml. The methods raise ValueError if the bag is damaged
-    or exceeds the limits.
+    `topics` lists the topics, in which MCAP channels with the same topic name, type and encoding
+    count as one. If the files lack the QoS profiles or the type hash of a topic, these are taken
+    from metadata.yaml. `counts` maps the topics to their numbers of messages. The first message
+    was received at `start_time`, and the last one before `end_time` [ns].
     """
 
-    def __init__(self, path: Path) -> None:
-        super().__init__()
-        self._path = path
-        self._mode = ''
-        self._readers: list[ReaderProtocol] = []
+    def __init__(self, path: Path, limits: BagLimits) -> None:
+        """Open the bag. Raises various errors if it is damaged or exceeds the limits."""
+        self.path = path
+        self._limits = limits
+        self._files: list[_File] = []
         self._stack = ExitStack()
-
-    def open(self) -> None:
-        """Open all files, and read their topics and the metadata of the bag."""
-        if self._path.is_dir():
-            information, names, self._mode = _checked_metadata(self._path)
-        else:
-            packed = self._path.suffix == PACKED
-            information, names, self._mode = {}, [self._path.name], 'file' if packed else ''
-        folder = self._path if self._path.is_dir() else self._path.parent
-        files = [_file_in(folder, name) for name in names]
-        for path in self._decompressed(files) if self._mode == 'file' else files:
-            storage = storage_of(path) or str(information.get('storage_identifier') or '')
-            if storage not in _READERS:
-                raise ValueError(f'storage {storage!r} is not one of {", ".join(_READERS)}.')
-            reader = _READERS[storage](path)
-            reader.limits = self.limits
-            reader.open()
-            self._stack.callback(reader.close)
-            self._readers.append(reader)
-        self._merge_topics(topics_in(information))
-        filled = [each.metadata for each in self._readers if each.metadata.message_count]
-        span = None
-        if filled:
-            last = max(each.end_time for each in filled) - 1
-            span = min(each.start_time for each in filled), last
-        zstd = ('zstd', self._mode) if self._mode in ('file', 'message') else (None, None)
-        about = str(information.get('ros_distro') or ''), custom_data_in(information) or None
-        self.metadata = summary_of(self.connections, span, zstd, *about)
+        try:
+            self._open()
+        except BaseException:
+            self.close()
+            raise
 
     def close(self) -> None:
         """Close the files."""
         self._stack.close()
 
-    def messages(
-        self, connections: Iterable[Connection], start: int | None = None, stop: int | None = None
-    ) -> Messages:
-        """Yield the messages of `connections` with receive times in [start, stop) [ns]."""
-        wanted = {topic_key(each): each for each in connections}
-        together: list[ReaderProtocol] = []
-        end = 0
-        # Files that overlap in time are read together, all other files one after another.
-        for reader in sorted(self._readers, key=lambda each: each.metadata.start_time):
-            if together and reader.metadata.start_time >= end:
-                yield from self._merged(together, wanted, start, stop)
-                together = []
-            together.append(reader)
-            end = max(end, reader.metadata.end_time)
-        yield from self._merged(together, wanted, start, stop)
+    @property
+    def message_count(self) -> int:
+        """Number of messages of all topics."""
+        return sum(self.counts.values())
 
-    def _merged(
+    def messages(
+        self, topics: Collection[StoredTopic], start: int | None = None, stop: int | None = None
+    ) -> Iterator[_Received]:
+        """Yield topic, receive time [ns] and bytes of messages; ValueError if the bag is damaged.
+
+        The messages are in the order of their receive times, which lie in the interval
+        [start, stop).
+        """
+        try:
+            yield from self._messages({each.key: each for each in topics}, start, stop)
+        except Exception as error:  # sqlite3 and the decompressors raise many types of errors
+            raise ValueError(
+                f'bag {str(self.path)!r} is damaged: {one_line(error).rstrip(".")}. '
+                f'Recover the intact messages with: recover_bag {self.path}'
+            ) from error
+
+    def _open(self) -> None:
+        if self.path.is_dir():
+            folder, (information, names, self._mode) = self.path, _checked_metadata(self.path)
+        else:
+            packed = self.path.suffix == PACKED
+            folder, information, names = self.path.parent, {}, [self.path.name]
+            self._mode = 'file' if packed else ''
+        files = [_file_in(folder, name) for name in names]
+        for path in self._decompressed(files) if self._mode == 'file' else files:
+            storage = storage_of(path) or str(information.get('storage_identifier') or '')
+            if storage not in _READERS:
+                raise ValueError(f'storage {storage!r} is not one of {", ".join(_READERS)}.')
+            self._files.append(_READERS[storage](path, self._limits))
+            self._stack.callback(self._files[-1].close)
+        self.topics, self.counts = self._merged_topics(topics_in(information))
+        spans = [each.span for each in self._files if each.span]
+        self.start_time = min((start for start, _ in spans), default=0)
+        self.end_time = max((end + 1 for _, end in spans), default=0)
+        self.custom_data = custom_data_in(information)
+
+    def _messages(
+        self, wanted: Mapping[tuple[str, str, str], StoredTopic], *span: int | None
+    ) -> Iterator[_Received]:
+        together: list[_File] = []
+        last = -1
+        spanned = [(*each.span, each) for each in self._files if each.span]
+        # Files that overlap in time are read together, all other files one after another.
+        for start, end, file in sorted(spanned, key=itemgetter(0)):
+            if start > last:
+                yield from self._in_order(together, wanted, *span)
+                together = []
+            together.append(file)
+            last = max(last, end)
+        yield from self._in_order(together, wanted, *span)
+
+    def _in_order(
         self,
-        readers: Sequence[ReaderProtocol],
-        wanted: Mapping[tuple[str, str, str], Connection],
+        files: Sequence[_File],
+        wanted: Mapping[tuple[str, str, str], StoredTopic],
         *span: int | None,
-    ) -> Messages:
+    ) -> Iterator[_Received]:
         sources = []
-        for reader in readers:
-            in_file = [each for each in reader.connections if topic_key(each) in wanted]
-            sources += [reader.messages(in_file, *span)] if in_file else []
-        in_order = sources[0] if len(sources) == 1 else heapq.merge(*sources, key=itemgetter(1))
-        for found, stamp, data in in_order:
+        for file in files:
+            known = {n: wanted[each.key] for n, each in file.topics.items() if each.key in wanted}
+            sources += [self._of_file(file, known, *span)] if known else []
+        yield from sources[0] if len(sources) == 1 else heapq.merge(*sources, key=itemgetter(1))
+
+    def _of_file(
+        self, file: _File, topics: Mapping[int, StoredTopic], *span: int | None
+    ) -> Iterator[_Received]:
+        for number, _, stamp, _, data in file.messages(topics, *span):
             if self._mode == 'message':
-                data = decompressed_message(data, self.limits.max_unpacked)
-            yield wanted[topic_key(found)], stamp, data
+                data = decompressed_message(data, self._limits.max_unpacked)
+            yield topics[number], stamp, data
 
     def _decompressed(self, files: list[Path]) -> Iterator[Path]:
         folder = self._stack.enter_context(TemporaryDirectory(prefix='bag_'))
         for file in files:
             plain = Path(folder, file.stem)
             with open_file(file) as packed:
-                damage = decompress_file(packed, plain, self.limits)
+                damage = decompress_file(packed, plain, self._limits)
             if damage:
                 raise ValueError(f'{file.name}: {damage}')
             yield plain
 
-    def _merge_topics(self, listed: Mapping[tuple[str, str], Mapping[str, Any]]) -> None:
-        found: dict[tuple[str, str, str], Connection] = {}
-        for each in (each for reader in self._readers for each in reader.connections):
-            key = topic_key(each)
-            known = found.get(key)
-            if known is None:
-                found[key] = _completed(self, len(found) + 1, each, listed.get(key[:2], {}))
-                continue
-            defined = known.msgdef.format is not MessageDefinitionFormat.NONE
-            found[key] = known._replace(
-                msgcount=known.msgcount + each.msgcount,
-                msgdef=known.msgdef if defined else each.msgdef,
-            )
-        self.connections.extend(found.values())
+    def _merged_topics(
+        self, listed: Mapping[tuple[str, str], Mapping[str, Any]]
+    ) -> tuple[list[StoredTopic], Counter[StoredTopic]]:
+        found: dict[tuple[str, str, str], StoredTopic] = {}
+        counts: Counter[tuple[str, str, str]] = Counter()
+        for file in self._files:
+            for number, each in file.topics.items():
+                known = found.get(each.key)
+                if known is None:
+                    about = listed.get(each.key[:2], {})
+                    found[each.key] = _completed(each, len(found) + 1, about)
+                elif not known.definition:
+                    definition, kind = each.definition, each.definition_format
+                    found[each.key] = replace(known, definition=definition, definition_format=kind)
+                counts[each.key] += file.counts[number]
+        return list(found.values()), Counter({found[key]: n for key, n in counts.items()})
 
 
-def topic_key(connection: Connection) -> tuple[str, str, str]:
-    """Return the name, the type and the encoding of a topic."""
-    return connection.topic, connection.msgtype, encoding_of(connection)
-
-
-def encoding_of(connection: Connection) -> str:
-    """Return the encoding of the messages of a topic, such as 'cdr' or 'json'."""
-    return str(getattr(connection.ext, 'serialization_format', CDR))
+def one_line(error: Exception) -> str:
+    """Return the text of an error without line breaks."""
+    return ' '.join(str(error).split()) or type(error).__name__
 
 
 def _file_in(folder: Path, name: str) -> Path:
@@ -173,15 +183,12 @@ def _file_in(folder: Path, name: str) -> Path:
     return path
 
 
-def _completed(
-    owner: ReaderProtocol, number: int, each: Connection, listed: Mapping[str, Any]
-) -> Connection:
-    profiles = listed.get('offered_qos_profiles', [])
-    listed_profiles = parse_profiles(profiles if isinstance(profiles, (str, list)) else [])
-    own_profiles = getattr(each.ext, 'offered_qos_profiles', [])
-    extension = ConnectionExtRosbag2(encoding_of(each), own_profiles or listed_profiles)
-    digest = each.digest or str(listed.get('type_description_hash', ''))
-    return each._replace(id=number, digest=digest, ext=extension, owner=owner)
+def _completed(topic: StoredTopic, number: int, listed: Mapping[str, Any]) -> StoredTopic:
+    profiles = listed.get('offered_qos_profiles', '')
+    # JSON is YAML, and is serialised faster.
+    text = profiles if isinstance(profiles, str) else json.dumps(profiles, default=str)
+    digest = topic.digest or str(listed.get('type_description_hash', ''))
+    return replace(topic, number=number, digest=digest, profiles=topic.profiles or text)
 
 
 def _checked_metadata(path: Path) -> tuple[Mapping[str, Any], list[str], str]:

@@ -7,10 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
-from rosbags.interfaces import Connection
-from rosbags.rosbag2 import Reader
-
 from soliton_linkage.linkage.quantities import quantity
+from soliton_linkage_nodes.bags.bag_files import BagReader
 from soliton_linkage_nodes.bags.guards import BagLimits
 from soliton_linkage_nodes.bags.play.controls import PlayerControls
 from soliton_linkage_nodes.bags.play.playback import (
@@ -25,8 +23,9 @@ from soliton_linkage_nodes.bags.play.replay_publishers import (
     RecordedStates,
     ReplayPublishers,
 )
-from soliton_linkage_nodes.bags.reading import find_topic, latched, open_bag, types_of_topic
+from soliton_linkage_nodes.bags.reading import find_topic, open_bag, types_of_topic
 from soliton_linkage_nodes.bags.storages.storage import LAST_STAMP
+from soliton_linkage_nodes.bags.stored_topic import StoredTopic
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
@@ -107,16 +106,17 @@ class BagPlayer(ManagedNode):
         with open_bag(Path(settings.bag), limits) as reader:
             topics = self._without_clock(find_topics(reader, settings.topics))
             try:
-                self._replay = ReplayPublishers(self, topics, self._playback.stopping)
+                counts = {each: reader.counts[each] for each in topics}
+                self._replay = ReplayPublishers(self, counts, self._playback.stopping)
             except ValueError as error:
                 raise ValueError(f'bag {settings.bag!r}: {error}') from error
             pace = 'in lockstep' if settings.lockstep else f'at rate {settings.rate:g}'
             self.get_logger().info(f'playing {settings.bag}: {self._replay.total} messages {pace}')
             self._range = playback_range(reader, settings.start_offset, settings.playback_until)
             self._awaited = self._topics_to_wait_for(reader)
-            self._latched = {each.topic for each in reader.connections if latched(each)}
+            self._latched = {each.name for each in reader.topics if each.latched_depth}
             if settings.lockstep:
-                frames = find_topic(reader, interfaces.JOINT_STATES.name).topic
+                frames = find_topic(reader, interfaces.JOINT_STATES.name).name
                 window, timeout = settings.lockstep_window, settings.lockstep_timeout
                 self._lockstep = Lockstep(self, frames, window, timeout)
                 self._replay.set_lockstep(self._lockstep)
@@ -160,26 +160,26 @@ class BagPlayer(ManagedNode):
         """Error that ended the playback, or None."""
         return self._playing.failure if self.configured else None
 
-    def _topics_to_wait_for(self, reader: Reader) -> list[str]:
+    def _topics_to_wait_for(self, reader: BagReader) -> list[str]:
         if self._settings.wait_for:
             wanted = self._settings.wait_for
-            return [types_of_topic(reader, name)[0].topic for name in wanted]
+            return [types_of_topic(reader, name)[0].name for name in wanted]
         frames = full_name(reader, interfaces.JOINT_STATES.name)
         return [frames] if frames else []
 
-    def _without_clock(self, connections: list[Connection]) -> list[Connection]:
-        others = [each for each in connections if each.topic != interfaces.CLOCK.name]
-        if not self._settings.publish_clock or len(others) == len(connections):
-            return connections
+    def _without_clock(self, topics: list[StoredTopic]) -> list[StoredTopic]:
+        others = [each for each in topics if each.name != interfaces.CLOCK.name]
+        if not self._settings.publish_clock or len(others) == len(topics):
+            return topics
         self.get_logger().info('the recorded /clock is not played, because publish_clock is set')
         return others
 
-    def _suppress_recorded_states(self, reader: Reader) -> None:
+    def _suppress_recorded_states(self, reader: BagReader) -> None:
         chosen = {topic.rpartition('/')[2] for topic in self._settings.topics}
-        for connection in self._replay.of(reader.connections):
-            name = connection.topic.rpartition('/')[2]
+        for topic in self._replay.of(reader.topics):
+            name = topic.name.rpartition('/')[2]
             if name in (interfaces.SOLITON_STATE.name, interfaces.SOLITON_EVENTS.name):
-                states = RecordedStates(self, connection.topic, name in chosen)
+                states = RecordedStates(self, topic.name, name in chosen)
                 self._replay.suppress_beside_analyser(states)
 
     def _prepare(self, latched_topics: bool) -> None:

@@ -1,39 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reading of bags with the library rosbags, on machines with and without rosbag2."""
+"""Reading of bags on machines with and without rosbag2: topics, and their decoded messages."""
 
 from __future__ import annotations
 
 import importlib
 import sys
 from collections import deque
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib.machinery import PathFinder
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any
 
 from rclpy.serialization import deserialize_message
-from rosbags.interfaces import Connection, MessageDefinitionFormat, QosDurability
-from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from soliton_linkage_nodes.bags.bag_files import BagFiles, encoding_of
-from soliton_linkage_nodes.bags.guards import DEFAULT_LIMITS, PACKED, BagLimits
-from soliton_linkage_nodes.bags.metadata import METADATA_FILE, SUFFIXES, explain_no_bag, gaps_in
-from soliton_linkage_nodes.bags.stored_topic import CDR, type_definition
-
-if TYPE_CHECKING:
-    from rosbags.rosbag2.reader import ReaderProtocol
-
-
-class _AnyBag(Reader):
-    STORAGE_PLUGINS: Mapping[str, type[ReaderProtocol]] = dict.fromkeys(
-        ('dir', PACKED, *SUFFIXES.values()), BagFiles
-    )
+from soliton_linkage_nodes.bags.bag_files import BagReader, one_line
+from soliton_linkage_nodes.bags.guards import DEFAULT_LIMITS, BagLimits
+from soliton_linkage_nodes.bags.metadata import METADATA_FILE, SUFFIXES, explain_no_bag
+from soliton_linkage_nodes.bags.stored_topic import CDR, StoredTopic, type_definition
 
 
 @contextmanager
-def open_bag(path: Path, limits: BagLimits = DEFAULT_LIMITS) -> Iterator[Reader]:
+def open_bag(path: Path, limits: BagLimits = DEFAULT_LIMITS) -> Iterator[BagReader]:
     """Open a bag for reading. Raises ValueError if it does not exist or cannot be read."""
     if complaint := explain_no_bag(path):
         raise ValueError(complaint)
@@ -43,12 +32,10 @@ def open_bag(path: Path, limits: BagLimits = DEFAULT_LIMITS) -> Iterator[Reader]
             f'still runs, or it was killed; then recover it with: recover_bag {path}'
         )
     try:
-        reader = _AnyBag(path)
-        cast('BagFiles', reader.storage).limits = limits
-        reader.open()
-    except Exception as error:  # rosbags raises many types of errors for damaged files
+        reader = BagReader(path, limits)
+    except Exception as error:  # sqlite3 and the decompressors raise many types of errors
         raise ValueError(
-            f'bag {str(path)!r} cannot be read: {_one_line(error).rstrip(".")}. '
+            f'bag {str(path)!r} cannot be read: {one_line(error).rstrip(".")}. '
             f'Give a directory with metadata.yaml and an {" or ".join(SUFFIXES.values())} file; '
             f'if the bag is damaged, try recover_bag {path}'
         ) from error
@@ -58,44 +45,16 @@ def open_bag(path: Path, limits: BagLimits = DEFAULT_LIMITS) -> Iterator[Reader]
         reader.close()
 
 
-def read_messages(
-    reader: Reader,
-    connections: Collection[Connection],
-    start: int | None = None,
-    stop: int | None = None,
-) -> Iterator[tuple[Connection, int, bytes]]:
-    """Yield topic, receive time [ns] and bytes of messages; ValueError if the bag is damaged.
-
-    Only messages with receive times in the interval [start, stop) are read.
-    """
-    # If the list is empty, rosbags would read all topics.
-    if not connections:
-        return
-    try:
-        for connection, stamp, serialized in reader.messages(connections, start, stop):
-            yield connection, stamp, bytes(serialized)
-    except Exception as error:
-        raise ValueError(
-            f'bag {str(reader.path)!r} is damaged: {_one_line(error).rstrip(".")}. '
-            f'Recover the intact messages with: recover_bag {reader.path}'
-        ) from error
-
-
-def gaps_of(reader: Reader) -> list[tuple[int, int]]:
-    """Return start and end [ns] of each interval without recording, such as a pause."""
-    return gaps_in(cast('BagFiles', reader.storage).metadata.custom or {})
-
-
-def latched_before(reader: Reader, connection: Connection, stop: int) -> list[bytes]:
+def latched_before(reader: BagReader, topic: StoredTopic, stop: int) -> list[bytes]:
     """Return the messages that a late subscriber of a latched topic receives at `stop` [ns]."""
-    earlier = read_messages(reader, [connection], None, stop)
-    return list(deque((data for _, _, data in earlier), maxlen=latched_depth(connection)))
+    earlier = reader.messages([topic], None, stop)
+    return list(deque((data for _, _, data in earlier), maxlen=topic.latched_depth))
 
 
 _RECORD = 'record it with bag_recorder'
 
 
-def find_topic(reader: Reader, name: str, remedy: str = _RECORD) -> Connection:
+def find_topic(reader: BagReader, name: str, remedy: str = _RECORD) -> StoredTopic:
     """Return the topic `name` or, if there is none, the topic whose name has the same last part.
 
     Raises ValueError if no topic or several topics match, or if the topic has several types or is
@@ -103,29 +62,29 @@ def find_topic(reader: Reader, name: str, remedy: str = _RECORD) -> Connection:
     """
     found = types_of_topic(reader, name, remedy)
     bag = f'bag {str(reader.path)!r}'
-    decodable = [c for c in found if encoding_of(c) == CDR]
+    decodable = [each for each in found if each.serialization == CDR]
     if not decodable:
         raise ValueError(f'{bag}: {_other_encoding(found[0])}; {remedy}')
     if len(decodable) > 1:
         raise ValueError(
-            f'{bag} has topic {found[0].topic} with {len(decodable)} types: '
-            f'{", ".join(c.msgtype for c in decodable)}; only one can be read'
+            f'{bag} has topic {found[0].name} with {len(decodable)} types: '
+            f'{", ".join(each.type_name for each in decodable)}; only one can be read'
         )
     return decodable[0]
 
 
-def types_of_topic(reader: Reader, name: str, remedy: str = _RECORD) -> list[Connection]:
+def types_of_topic(reader: BagReader, name: str, remedy: str = _RECORD) -> list[StoredTopic]:
     """Return an entry for each type and encoding of a topic, which is found as in `find_topic`."""
     wanted = name.rpartition('/')[2]
-    found = [c for c in reader.connections if c.topic == name] or [
-        c for c in reader.connections if c.topic.rpartition('/')[2] == wanted
+    found = [each for each in reader.topics if each.name == name] or [
+        each for each in reader.topics if each.name.rpartition('/')[2] == wanted
     ]
     if not found:
-        held = ', '.join(sorted({c.topic for c in reader.connections})) or 'no topics'
+        held = ', '.join(sorted({each.name for each in reader.topics})) or 'no topics'
         raise ValueError(
             f'bag {str(reader.path)!r} has no topic {wanted!r}, it contains {held}; {remedy}'
         )
-    names = sorted({c.topic for c in found})
+    names = sorted({each.name for each in found})
     if len(names) > 1:
         raise ValueError(
             f'bag {str(reader.path)!r} has {len(names)} topics {wanted!r}: {", ".join(names)}; '
@@ -134,45 +93,43 @@ def types_of_topic(reader: Reader, name: str, remedy: str = _RECORD) -> list[Con
     return found
 
 
-def read_topic(reader: Reader, name: str, remedy: str = _RECORD) -> Iterator[tuple[int, Any]]:
+def read_topic(reader: BagReader, name: str, remedy: str = _RECORD) -> Iterator[tuple[int, Any]]:
     """Yield receive time [ns] and content of the messages of a topic, found as in `find_topic`."""
-    connection = find_topic(reader, name, remedy)
-    decode = decoder(connection)
-    for _, stamp, serialized in read_messages(reader, [connection]):
+    topic = find_topic(reader, name, remedy)
+    decode = decoder(topic)
+    for _, stamp, serialized in reader.messages([topic]):
         yield stamp, decode(serialized)
 
 
-def decoder(connection: Connection) -> Callable[[bytes], Any]:
+def decoder(topic: StoredTopic) -> Callable[[bytes], Any]:
     """Return a function that converts serialized messages of a topic to its installed type.
 
     If the messages were recorded with another definition of the type, fields with equal names are
     copied. Raises ValueError if the type is not installed or the encoding is not CDR. The returned
     function raises ValueError if a message is damaged.
     """
-    message_type = class_of(connection)
-    if is_older(connection):
-        return _older_decoder(connection, message_type)
+    message_type = class_of(topic)
+    if is_older(topic):
+        return _older_decoder(topic, message_type)
 
     def decode(serialized: bytes) -> Any:
         try:
             return deserialize_message(serialized, message_type)
         except Exception as error:  # a private error type of rclpy
-            raise ValueError(
-                f'a message on {connection.topic} is damaged: {_one_line(error)}'
-            ) from error
+            raise ValueError(f'a message on {topic.name} is damaged: {one_line(error)}') from error
 
     return decode
 
 
-def class_of(connection: Connection) -> Any:
+def class_of(topic: StoredTopic) -> Any:
     """Return the message class of a topic; ValueError if it is not installed or not in CDR."""
-    if encoding_of(connection) != CDR:
-        raise ValueError(_other_encoding(connection))
-    return message_class(connection.msgtype)
+    if topic.serialization != CDR:
+        raise ValueError(_other_encoding(topic))
+    return message_class(topic.type_name)
 
 
-def _other_encoding(connection: Connection) -> str:
-    return f'{connection.topic} has the encoding {encoding_of(connection)!r}; only cdr is decoded'
+def _other_encoding(topic: StoredTopic) -> str:
+    return f'{topic.name} has the encoding {topic.serialization!r}; only cdr is decoded'
 
 
 _KINDS = ('msg', 'srv', 'action')
@@ -213,26 +170,6 @@ def type_name(message_type: Any) -> str:
     return f'{message_type.__module__.partition(".")[0]}/msg/{message_type.__name__}'
 
 
-_UNKNOWN_DEPTH = 10
-"""Queue depth of a latched topic whose depth the bag does not state [messages], as in rosbag2."""
-
-
-def latched(connection: Connection) -> bool:
-    """Return whether a topic was recorded from a transient-local publisher."""
-    return latched_depth(connection) > 0
-
-
-def latched_depth(connection: Connection) -> int:
-    """Return how many last messages the publisher kept for late subscribers, 0 if not latched."""
-    profiles = getattr(connection.ext, 'offered_qos_profiles', [])
-    kept = [p.depth for p in profiles if p.durability is QosDurability.TRANSIENT_LOCAL]
-    return max(depth if depth > 0 else _UNKNOWN_DEPTH for depth in kept) if kept else 0
-
-
-def _one_line(error: Exception) -> str:
-    return ' '.join(str(error).split()) or type(error).__name__
-
-
 _LONGER, _MARGIN = 4, 4096
 """A recorded definition is rejected if it is longer than `_LONGER` [1] times the installed
 definition plus `_MARGIN` [characters]."""
@@ -240,18 +177,18 @@ _LONGEST_REASON = 200
 """Error texts are cut to this length [characters], because they may quote the whole input."""
 
 
-def is_older(connection: Connection) -> bool:
+def is_older(topic: StoredTopic) -> bool:
     """Return whether a topic was recorded with another definition than the installed one."""
-    if not connection.digest or connection.msgdef.format is not MessageDefinitionFormat.MSG:
+    if not topic.digest or topic.definition_format != 'ros2msg':
         return False
     try:
-        return type_definition(connection.msgtype)[1] != connection.digest
+        return type_definition(topic.type_name)[1] != topic.digest
     except ValueError:
         return False
 
 
-def _older_decoder(connection: Connection, message_type: Any) -> Callable[[bytes], Any]:
-    name, text = connection.msgtype, connection.msgdef.data
+def _older_decoder(topic: StoredTopic, message_type: Any) -> Callable[[bytes], Any]:
+    name, text = topic.type_name, topic.definition
     store = get_typestore(Stores.EMPTY)
     try:
         longest = _LONGER * len(type_definition(name)[0]) + _MARGIN
@@ -260,8 +197,8 @@ def _older_decoder(connection: Connection, message_type: Any) -> Callable[[bytes
         store.register(get_types_from_msg(text, name))
     except Exception as error:  # the parser raises many types of errors
         raise ValueError(
-            f'the recorded definition of {connection.topic} is not a valid {name!r}: '
-            f'{_one_line(error)[:_LONGEST_REASON]}'
+            f'the recorded definition of {topic.name} is not a valid {name!r}: '
+            f'{one_line(error)[:_LONGEST_REASON]}'
         ) from error
 
     def decode(serialized: bytes) -> Any:
@@ -270,7 +207,7 @@ def _older_decoder(connection: Connection, message_type: Any) -> Callable[[bytes
         except Exception as error:  # the decoder raises many types of errors
             raise ValueError(
                 f'a message of type {name!r} does not fit its recorded definition: '
-                f'{_one_line(error)[:_LONGEST_REASON]}'
+                f'{one_line(error)[:_LONGEST_REASON]}'
             ) from error
 
     return decode

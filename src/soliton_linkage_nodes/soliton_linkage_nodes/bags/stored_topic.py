@@ -30,6 +30,10 @@ _LONGEST_NAME = 255
 """Texts in errors are cut to this length [characters], the limit of names in file systems."""
 _UNLIMITED = {'sec': 2147483647, 'nsec': 4294967295}
 """Infinite duration in the notation of rosbag2."""
+_LATCHED = ('transient_local', '1')
+"""Names of the durability of a latched topic, in metadata of version 9 and of earlier versions."""
+_UNKNOWN_DEPTH = 10
+"""Queue depth of a latched topic whose depth the bag does not state [messages], as in rosbag2."""
 _TYPE_NAME = re.compile(r'\w+/\w+/\w+')
 _SERVICE_SEPARATOR = re.compile(r'^---[ \t]*$', re.MULTILINE)
 
@@ -54,6 +58,18 @@ class StoredTopic:
     profiles: str
     serialization: str = CDR
     about: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def key(self) -> tuple[str, str, str]:
+        """Name, type and encoding. Channels that agree in these count as one topic, as in ROS."""
+        return self.name, self.type_name, self.serialization
+
+    @property
+    def latched_depth(self) -> int:
+        """Number of last messages that the publishers kept for late subscribers, or 0."""
+        profiles = [p for p in profiles_in(self.profiles) if str(p['durability']) in _LATCHED]
+        depths = [p['depth'] for p in profiles if isinstance(p['depth'], int)]
+        return max((depth if depth > 0 else _UNKNOWN_DEPTH for depth in depths), default=0)
 
     @property
     def type_is_lost(self) -> bool:

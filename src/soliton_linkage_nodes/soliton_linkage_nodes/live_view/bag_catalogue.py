@@ -20,7 +20,7 @@ from soliton_linkage_nodes.bags.metadata import (
     read_metadata,
     time_in_gaps,
 )
-from soliton_linkage_nodes.bags.reading import decoder, open_bag, read_messages
+from soliton_linkage_nodes.bags.reading import decoder, open_bag
 from soliton_linkage_nodes.messages.view_conversions import state_numbers
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
@@ -136,15 +136,15 @@ class BagCatalogue:
 def track_of(bag: CataloguedBag) -> BagTrack:
     """Read the trajectory of the soliton from a bag; ValueError if the bag cannot be read."""
     with open_bag(bag.path) as reader:
-        connections = {c.topic.rpartition('/')[2]: c for c in reader.connections}
-        states = connections.get(interfaces.SOLITON_STATE.name)
-        analysed = states is not None and states.msgcount > 0
-        read = states if analysed else connections.get(interfaces.JOINT_STATES.name)
+        topics = {each.name.rpartition('/')[2]: each for each in reader.topics}
+        states = topics.get(interfaces.SOLITON_STATE.name)
+        analysed = states is not None and reader.counts[states] > 0
+        read = states if analysed else topics.get(interfaces.JOINT_STATES.name)
         if read is None:
             return NO_TRACK
-        decode, step = decoder(read), max(1, read.msgcount // _TRACK_POINTS)
+        decode, step = decoder(read), max(1, reader.counts[read] // _TRACK_POINTS)
         points, stamps, times = [], [], []
-        for number, (_, received, serialized) in enumerate(read_messages(reader, [read])):
+        for number, (_, received, serialized) in enumerate(reader.messages([read])):
             if number % step == 0:
                 message = decode(serialized)
                 stamps.append(time_from_msg(message.header.stamp) / SECOND)

@@ -226,7 +226,7 @@ def analyse(
     frames = late = unstamped = 0
     analysed = JointStateAnalysis(noise)
     with open_bag(bag, limits) as reader:
-        total = find_topic(reader, 'joint_states').msgcount
+        total = reader.counts[find_topic(reader, 'joint_states')]
         named = given or read_chain(reader, _NO_CHAIN)
         drawn = PictureFrames(named)
         progress = ProgressLine('analysing', total)

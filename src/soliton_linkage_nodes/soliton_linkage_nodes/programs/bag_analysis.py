@@ -8,18 +8,12 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from rosbags.interfaces import Connection
-from rosbags.rosbag2 import Reader
 
 from soliton_linkage.estimation.analysis import Analysis
 from soliton_linkage.linkage.recording import Recording
-from soliton_linkage_nodes.bags.reading import (
-    decoder,
-    find_topic,
-    is_older,
-    read_messages,
-    read_topic,
-)
+from soliton_linkage_nodes.bags.bag_files import BagReader
+from soliton_linkage_nodes.bags.reading import decoder, find_topic, is_older, read_topic
+from soliton_linkage_nodes.bags.stored_topic import StoredTopic
 from soliton_linkage_nodes.messages.cdr import JointStateDecoder, stamped
 from soliton_linkage_nodes.messages.conversions import (
     JointStates,
@@ -38,7 +32,7 @@ _MAX_LINES = 3
 
 
 def analyse_frames(
-    reader: Reader,
+    reader: BagReader,
     given: NamedChain | None = None,
     analysis: JointStateAnalysis | None = None,
     log_time: bool = False,
@@ -51,59 +45,59 @@ def analyse_frames(
     """
     analysis = analysis or JointStateAnalysis()
     joints = find_topic(reader, interfaces.JOINT_STATES.name)
-    connections = [joints]
+    topics = [joints]
     if given is None:
         first = next((message for _, message in read_topic(reader, 'chain')), None)
         analysis.set_chain(read_chain(reader) if first is None else chain_from_msg(first))
-        connections.append(find_topic(reader, 'chain'))
+        topics.append(find_topic(reader, 'chain'))
     else:
         analysis.set_chain(given)
     decode_joints = _decoder(joints)
-    chain_decoders = {connection.id: decoder(connection) for connection in connections[1:]}
+    chain_decoders = {topic.number: decoder(topic) for topic in topics[1:]}
     impulses = _beside(reader, joints, interfaces.DELIVERED_IMPULSES)
     deviations = _beside(reader, joints, interfaces.JOINT_STATE_DEVIATIONS)
-    deviation_decoders = {each.id: _decoder(each) for each in deviations}
+    deviation_decoders = {topic.number: _decoder(topic) for topic in deviations}
     rejections: Counter[str] = Counter()
-    wanted = [*connections, *impulses, *deviations]
-    for connection, received, serialized in read_messages(reader, wanted):
-        if connection.id in chain_decoders:
-            analysis.set_chain(chain_from_msg(chain_decoders[connection.id](serialized)))
+    wanted = [*topics, *impulses, *deviations]
+    for topic, received, serialized in reader.messages(wanted):
+        if topic.number in chain_decoders:
+            analysis.set_chain(chain_from_msg(chain_decoders[topic.number](serialized)))
             continue
         serialized = stamped(serialized, received) if log_time else serialized
         try:
-            if connection in impulses:
+            if topic in impulses:
                 analysis.add_impulses(serialized)
                 continue
-            if connection.id in deviation_decoders:
-                analysis.add_deviations(deviation_decoders[connection.id](serialized))
+            if topic.number in deviation_decoders:
+                analysis.add_deviations(deviation_decoders[topic.number](serialized))
                 continue
             for frame in analysis.assembler.add(decode_joints(serialized)):
                 yield frame, analysis.analyse(frame)
         except ValueError as error:
-            topic = connection.topic.rpartition('/')[2]
-            rejections[topic] += 1
-            if rejections[topic] <= _MAX_LINES:
-                print(f'rejected {topic}: {error}', file=sys.stderr)
+            name = topic.name.rpartition('/')[2]
+            rejections[name] += 1
+            if rejections[name] <= _MAX_LINES:
+                print(f'rejected {name}: {error}', file=sys.stderr)
     for frame in analysis.assembler.flush():
         yield frame, analysis.analyse(frame)
-    for topic, count in rejections.items():
+    for name, count in rejections.items():
         if count > _MAX_LINES:
-            print(f'rejected {topic}: {count} in all', file=sys.stderr)
+            print(f'rejected {name}: {count} in all', file=sys.stderr)
 
 
-def _beside(reader: Reader, joints: Connection, topic: interfaces.Topic) -> list[Connection]:
-    name = f'{joints.topic.rpartition("/")[0]}/{topic.name}'
-    return [each for each in reader.connections if each.topic == name]
+def _beside(reader: BagReader, joints: StoredTopic, topic: interfaces.Topic) -> list[StoredTopic]:
+    name = f'{joints.name.rpartition("/")[0]}/{topic.name}'
+    return [each for each in reader.topics if each.name == name]
 
 
-def _decoder(connection: Connection) -> Callable[[bytes], JointStates]:
-    if not is_older(connection):
+def _decoder(topic: StoredTopic) -> Callable[[bytes], JointStates]:
+    if not is_older(topic):
         return JointStateDecoder().decode
-    decode = decoder(connection)
+    decode = decoder(topic)
     return lambda serialized: joint_states_from_msg(decode(serialized))
 
 
-def read_chain(reader: Reader, remedy: str = _RECORD_CHAIN) -> NamedChain:
+def read_chain(reader: BagReader, remedy: str = _RECORD_CHAIN) -> NamedChain:
     """Return the last chain in a bag.
 
     Raises ValueError if the bag has no chain. `remedy` is advice for the end of the error message.
@@ -114,7 +108,7 @@ def read_chain(reader: Reader, remedy: str = _RECORD_CHAIN) -> NamedChain:
     return chain_from_msg(chains[-1])
 
 
-def read_recording(reader: Reader) -> tuple[NamedChain, Recording]:
+def read_recording(reader: BagReader) -> tuple[NamedChain, Recording]:
     """Return the last chain in a bag, and all frames with times counted from the first frame."""
     named = read_chain(reader)
     messages = [message for _, message in read_topic(reader, 'joint_states')]

@@ -18,8 +18,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rosbags.interfaces import Connection
-from rosbags.rosbag2 import Reader
 
 from soliton_linkage.command_line import PlainParser
 from soliton_linkage.identification.identification import identify
@@ -29,8 +27,10 @@ from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage.linkage.quantities import Quantity, described_fields
 from soliton_linkage.progress import ProgressLine
+from soliton_linkage_nodes.bags.bag_files import BagReader
 from soliton_linkage_nodes.bags.guards import DEFAULT_LIMITS, BagLimits
-from soliton_linkage_nodes.bags.reading import decoder, find_topic, open_bag, read_messages
+from soliton_linkage_nodes.bags.reading import decoder, find_topic, open_bag
+from soliton_linkage_nodes.bags.stored_topic import StoredTopic
 from soliton_linkage_nodes.chain_identifier.joint_record import JointRecord
 from soliton_linkage_nodes.chain_identifier.parameter_file import write_parameters
 from soliton_linkage_nodes.messages.chain_source import chain_of_file
@@ -139,7 +139,7 @@ def _tilted(bags: Sequence[Path], tilts: Sequence[float]) -> Iterator[tuple[Path
     return zip(bags, tilts or [0.0] * len(bags), strict=True)
 
 
-def _recorded_chain(reader: Reader) -> NamedChain | None:
+def _recorded_chain(reader: BagReader) -> NamedChain | None:
     try:
         return read_chain(reader)
     except ValueError:
@@ -222,7 +222,7 @@ _MOST_FRAMES = 8000
 
 
 def read_joints(
-    reader: Reader,
+    reader: BagReader,
     known: NamedChain | None,
     span: tuple[float, float],
     most_frames: int = _MOST_FRAMES,
@@ -247,15 +247,16 @@ def read_joints(
         interfaces.ROTOR_TORQUES.name: record.add_command,
     }
     joints = find_topic(reader, 'joint_states')
-    others = [each for each in reader.connections if _name(each) in adders]
-    decoders = {connection.topic: decoder(connection) for connection in [joints, *others]}
-    progress = ProgressLine('reading', joints.msgcount)
+    others = [each for each in reader.topics if _name(each) in adders]
+    decoders = {topic.name: decoder(topic) for topic in [joints, *others]}
+    count = reader.counts[joints]
+    progress = ProgressLine('reading', count)
     watch = EncoderMonitor(lambda line: print(f'identify_chain: {line}', file=sys.stderr))
     first = None
-    for connection, received, serialized in read_messages(reader, [joints, *others]):
-        message = decoders[connection.topic](serialized)
-        if connection is not joints:
-            adders[_name(connection)](message, received)
+    for topic, received, serialized in reader.messages([joints, *others]):
+        message = decoders[topic.name](serialized)
+        if topic is not joints:
+            adders[_name(topic)](message, received)
             continue
         states = joint_states_from_msg(message)
         first = states.stamp if first is None else first
@@ -267,7 +268,7 @@ def read_joints(
     progress.clear()
     if len(record) < _FEWEST_FRAMES:
         raise ValueError(
-            f'{len(record)} of {joints.msgcount} frames lie between --begin {span[0]:g} s and '
+            f'{len(record)} of {count} frames lie between --begin {span[0]:g} s and '
             f'--end {span[1]:g} s, too few to identify a chain; omit these options'
         )
     if unused := record.frames - len(record):
@@ -280,8 +281,8 @@ def read_joints(
     return record
 
 
-def _name(connection: Connection) -> str:
-    return str(connection.topic.rpartition('/')[2])
+def _name(topic: StoredTopic) -> str:
+    return topic.name.rpartition('/')[2]
 
 
 _WORST = 3

@@ -12,7 +12,7 @@ from mcap.writer import Writer
 from std_msgs.msg import String
 
 from soliton_linkage_nodes.bags.player import BagPlayer
-from soliton_linkage_nodes.bags.reading import open_bag, read_messages
+from soliton_linkage_nodes.bags.reading import open_bag
 from soliton_linkage_nodes.bags.recovery import check_bag, recover_bag
 from soliton_linkage_nodes.runtime.interfaces import Topic, reliable_qos
 
@@ -97,9 +97,7 @@ def write_bag(
 
 def held(path: Path) -> Held:
     with open_bag(path) as reader:
-        found = [
-            (each.topic, stamp) for each, stamp, _ in read_messages(reader, reader.connections)
-        ]
+        found = [(each.name, stamp) for each, stamp, _ in reader.messages(reader.topics)]
         assert reader.message_count == len(found)
     return found
 

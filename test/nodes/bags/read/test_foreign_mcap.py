@@ -156,10 +156,10 @@ def copied(path: Path) -> tuple[list[object], set[bytes]]:
 def test_it_is_read_checked_and_copied_whole(path, tmp_path):
     expected = [(topic, stamp, data) for topic, stamp, _, _, data in held(path)]
     with reading.open_bag(path) as reader:
-        read = reading.read_messages(reader, reader.connections)
-        assert [(each.topic, stamp, data) for each, stamp, data in read] == expected
+        read = reader.messages(reader.topics)
+        assert [(each.name, stamp, data) for each, stamp, data in read] == expected
         assert reader.message_count == len(expected)
-        topics = [each.topic for each in reader.connections]
+        topics = [each.name for each in reader.topics]
     assert len(set(topics)) == len(topics)
     report = check_bag(path)
     assert (report.damage, report.lost, report.messages) == ([], 0, len(expected))
@@ -199,7 +199,7 @@ def test_no_flipped_bit_loses_a_message_silently(tmp_path, case):
         report = check_bag(path)
         assert report.messages == count or report.damage
         with suppress(ValueError), reading.open_bag(path) as reader:
-            assert len(list(reading.read_messages(reader, reader.connections))) == count
+            assert len(list(reader.messages(reader.topics))) == count
 
 
 def test_without_a_checksum_a_flipped_type_is_no_private_record(tmp_path):
@@ -220,7 +220,7 @@ def test_a_file_in_reverse_order_is_read_in_bounded_memory(tmp_path):
     path.write_bytes(Case([*DEFINITIONS, *records]).content)
     limits = BagLimits(max_unpacked=2**20)
     with reading.open_bag(path, limits) as reader:
-        stamps = [stamp for _, stamp, _ in reading.read_messages(reader, reader.connections)]
+        stamps = [stamp for _, stamp, _ in reader.messages(reader.topics)]
     assert stamps == list(range(1, count + 1))
 
 

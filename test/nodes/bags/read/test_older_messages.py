@@ -117,7 +117,7 @@ def test_messages_within_messages_are_filled_as_well(tmp_path):
 
 def test_messages_of_today_are_not_older(named, tmp_path):
     with open_bag(write_bag(tmp_path / 'run', run_of(named, 2))) as reader:
-        assert not any(map(is_older, reader.connections))
+        assert not any(map(is_older, reader.topics))
 
 
 def test_a_message_that_does_not_fit_its_definition_is_a_value_error(older_chain):

@@ -73,7 +73,7 @@ def test_a_publisher_that_sends_before_it_is_matched_is_reported(graph, tmp_path
     assert f'{sent - counted} messages, 0 lost, {counted} missed before matching' in said()
     assert len(messages_of(tmp_path / 'run_0')[f'/{name}']) == sent - counted
     with open_bag(tmp_path / 'run_0') as reader:
-        stored = reader.storage.metadata.custom['missed_messages']
+        stored = reader.custom_data['missed_messages']
     assert json.loads(stored) == {f'/{name}': counted}
 
 

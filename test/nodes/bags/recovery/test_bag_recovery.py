@@ -6,6 +6,7 @@ import random
 import sqlite3
 import struct
 from contextlib import closing
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -19,7 +20,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from soliton_linkage_nodes.bags.guards import DEFAULT_LIMITS
 from soliton_linkage_nodes.bags.metadata import SUFFIXES, storage_of
-from soliton_linkage_nodes.bags.reading import open_bag, read_messages, type_name
+from soliton_linkage_nodes.bags.reading import open_bag, type_name
 from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
 from soliton_linkage_nodes.bags.recovery import check_bag, recover_bag, recovered_file
 from soliton_linkage_nodes.bags.storages import mcap_records
@@ -38,7 +39,7 @@ def storage(request):
 
 def contents(bag: Path) -> Held:
     with open_bag(bag) as reader:
-        return [(c.topic, t, data) for c, t, data in read_messages(reader, reader.connections)]
+        return [(each.name, t, data) for each, t, data in reader.messages(reader.topics)]
 
 
 def write(
@@ -102,7 +103,7 @@ def test_a_whole_bag_comes_back_whole(named, storage, tmp_path):
         assert topics_of(new) == topics_of(bag)
         assert (report.damage, report.lost) == ([], 0)
         with open_bag(new) as reader:
-            custom = reader.storage.metadata.custom
+            custom = reader.custom_data
         assert custom['recovered_from'] == str(given)
         if given == bag:
             assert custom['lost_messages'] == '{"/joint_states": 3}'
@@ -110,9 +111,7 @@ def test_a_whole_bag_comes_back_whole(named, storage, tmp_path):
 
 def topics_of(bag: Path) -> list[tuple[object, ...]]:
     with open_bag(bag) as reader:
-        return [
-            (c.topic, c.msgtype, c.msgcount, c.digest, c.ext, c.msgdef) for c in reader.connections
-        ]
+        return [(replace(each, number=0), reader.counts[each]) for each in reader.topics]
 
 
 def write_nudges(name: Path, compression: str = 'none') -> Path:

@@ -10,22 +10,14 @@ from functools import partial
 from itertools import islice
 from pathlib import Path
 
-from rosbags.interfaces import Connection
-from rosbags.rosbag2 import Reader
-
 from soliton_linkage.progress import ProgressLine
+from soliton_linkage_nodes.bags.bag_files import BagReader
 from soliton_linkage_nodes.bags.guards import DEFAULT_LIMITS, BagLimits
-from soliton_linkage_nodes.bags.metadata import time_in_gaps
+from soliton_linkage_nodes.bags.metadata import gaps_in, time_in_gaps
 from soliton_linkage_nodes.bags.play.playback_clock import NextAction, PlaybackClock
 from soliton_linkage_nodes.bags.play.replay_publishers import ReplayPublishers
-from soliton_linkage_nodes.bags.reading import (
-    gaps_of,
-    latched,
-    latched_before,
-    open_bag,
-    read_messages,
-    types_of_topic,
-)
+from soliton_linkage_nodes.bags.reading import latched_before, open_bag, types_of_topic
+from soliton_linkage_nodes.bags.stored_topic import StoredTopic
 from soliton_linkage_nodes.runtime.stamps import SECOND
 
 
@@ -61,7 +53,7 @@ class PlaybackRange:
         return replace(self, start=start, end=end)
 
 
-def playback_range(reader: Reader, start_offset: float, playback_until: float) -> PlaybackRange:
+def playback_range(reader: BagReader, start_offset: float, playback_until: float) -> PlaybackRange:
     """Return the range between two times after the start of the bag [s]; ValueError if empty.
 
     If `playback_until` is 0, the range ends at the end of the bag.
@@ -78,18 +70,18 @@ def playback_range(reader: Reader, start_offset: float, playback_until: float) -
     return PlaybackRange(start, end, origin, last)
 
 
-def find_topics(reader: Reader, names: Sequence[str]) -> list[Connection]:
+def find_topics(reader: BagReader, names: Sequence[str]) -> list[StoredTopic]:
     """Return the topics with these names, or all without `names`; ValueError if one is missing."""
     if not names:
-        return list(reader.connections)
+        return list(reader.topics)
     found = (each for name in names for each in types_of_topic(reader, name))
-    return list({each.id: each for each in found}.values())
+    return list({each.number: each for each in found}.values())
 
 
-def full_name(reader: Reader, name: str) -> str:
+def full_name(reader: BagReader, name: str) -> str:
     """Return the full name of the topic whose name ends in '/<name>', '' if there is none."""
-    ends = (c.topic.rpartition('/')[2] for c in reader.connections)
-    return types_of_topic(reader, name)[0].topic if name in ends else ''
+    ends = (each.name.rpartition('/')[2] for each in reader.topics)
+    return types_of_topic(reader, name)[0].name if name in ends else ''
 
 
 class PlaybackThread:
@@ -167,7 +159,7 @@ class PlaybackThread:
     def _run(self) -> None:
         try:
             with open_bag(self._path, self._limits) as reader:
-                self._gaps = gaps_of(reader)
+                self._gaps = gaps_in(reader.custom_data)
                 self._play(reader)
             self._publishers.deliver()
         except Exception as error:
@@ -175,7 +167,7 @@ class PlaybackThread:
         self.finished = not self._clock.stopping.is_set()
         self.playing = False
 
-    def _play(self, reader: Reader) -> None:
+    def _play(self, reader: BagReader) -> None:
         start = self._range.start
         self._prepare(True)
         ahead = self._publish_latched(reader, start)
@@ -192,17 +184,16 @@ class PlaybackThread:
             ahead = self._publish_latched(reader, start)
         self._progress.end(f'played {self.summary(f" of {self._path}")}')
 
-    def _play_from(self, reader: Reader, start: int, ahead: dict[str, int]) -> NextAction:
+    def _play_from(self, reader: BagReader, start: int, ahead: dict[str, int]) -> NextAction:
         """Play from `start` [ns] on, but omit messages whose topic and time `ahead` contains."""
         self._clock.start(start)
-        connections = self._publishers.of(reader.connections)
-        messages = read_messages(reader, connections, start, self._range.end)
         before = start
-        for connection, stamp, serialized in messages:
-            if ahead.get(connection.topic) == stamp:
-                del ahead[connection.topic]
+        topics = self._publishers.of(reader.topics)
+        for topic, stamp, serialized in reader.messages(topics, start, self._range.end):
+            if ahead.get(topic.name) == stamp:
+                del ahead[topic.name]
                 continue
-            if self._publishers.leaves_out(connection):
+            if self._publishers.leaves_out(topic):
                 continue
             self._skip_gap(before, stamp)
             before = stamp
@@ -210,7 +201,7 @@ class PlaybackThread:
             if action is not NextAction.PLAY:
                 return action
             self._publish_clock(stamp)
-            self._publishers.publish(connection, serialized)
+            self._publishers.publish(topic, serialized)
             self._show(stamp)
         return self._clock.wait_at_end()
 
@@ -223,21 +214,22 @@ class PlaybackThread:
             self._publishers.report_gap(stamp, skipped / SECOND)
             self._clock.start(before + skipped)
 
-    def _publish_latched(self, reader: Reader, start: int) -> dict[str, int]:
+    def _publish_latched(self, reader: BagReader, start: int) -> dict[str, int]:
         """Publish each topic's latched messages from before `start` [ns], or else its next one.
 
         Returns a mapping from topics to the receive times [ns] of these next messages.
         """
         ahead = {}
-        for connection in filter(latched, self._publishers.of(reader.connections)):
-            kept = latched_before(reader, connection, start)
+        for topic in self._publishers.of(reader.topics):
+            if not topic.latched_depth:
+                continue
+            kept = latched_before(reader, topic, start)
             if not kept:
-                after = read_messages(reader, [connection], start)
-                for _, stamp, data in islice(after, 1):
-                    ahead[connection.topic] = stamp
+                for _, stamp, data in islice(reader.messages([topic], start), 1):
+                    ahead[topic.name] = stamp
                     kept = [data]
             for data in kept:
-                self._publishers.publish(connection, data)
+                self._publishers.publish(topic, data)
         return ahead
 
     def _show(self, stamp: int) -> None:

@@ -7,7 +7,7 @@ import struct
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from rclpy.duration import Duration
@@ -16,11 +16,9 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.topic_endpoint_info import TopicEndpointInfo
-from rosbags.interfaces import Connection
 
-from soliton_linkage_nodes.bags.bag_files import topic_key
-from soliton_linkage_nodes.bags.reading import class_of, decoder, is_older, latched_depth
-from soliton_linkage_nodes.bags.stored_topic import CDR
+from soliton_linkage_nodes.bags.reading import class_of, decoder, is_older
+from soliton_linkage_nodes.bags.stored_topic import CDR, StoredTopic
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.interfaces import wait_for_subscriber
 from soliton_linkage_nodes.runtime.serialization import serialize
@@ -144,12 +142,15 @@ class ReplayPublishers:
     """
 
     def __init__(
-        self, node: Node, connections: Sequence[Connection], stopping: threading.Event
+        self, node: Node, counts: Mapping[StoredTopic, int], stopping: threading.Event
     ) -> None:
-        """Create the publishers and log which topics cannot be played; ValueError if none can."""
-        if len(connections) > _MOST_TOPICS:
+        """Create publishers for the topics, given with their numbers of messages.
+
+        Logs which topics cannot be played. Raises ValueError if no topic can be played.
+        """
+        if len(counts) > _MOST_TOPICS:
             raise ValueError(
-                f'the bag has {len(connections)} topics, and at most {_MOST_TOPICS} are played; '
+                f'the bag has {len(counts)} topics, and at most {_MOST_TOPICS} are played; '
                 'name some in parameter topics'
             )
         self.published = 0
@@ -163,14 +164,14 @@ class ReplayPublishers:
         self._types: dict[str, str] = {}
         self._unconfirmed: Counter[str] = Counter()
         self._silent: set[str] = set()
-        self._connections = connections
+        self._counts = counts
         rejections = []
-        for each in connections:
+        for each in counts:
             try:
                 self._open(each)
             except _REJECTED as error:
                 reason = ' '.join(str(error).partition(', at /')[0].split())
-                rejections.append(f'{each.topic} of type {each.msgtype} is not played: {reason}')
+                rejections.append(f'{each.name} of type {each.type_name} is not played: {reason}')
         if rejections and not self._publishers:
             raise ValueError(f'no topic can be played; {"; ".join(rejections[:_MOST_REASONS])}')
         for rejection in rejections:
@@ -179,7 +180,7 @@ class ReplayPublishers:
     @property
     def total(self) -> int:
         """Number of messages in the bag that will be published."""
-        return sum(each.msgcount for each in self.of(self._connections))
+        return sum(self._counts[each] for each in self.of(self._counts))
 
     def set_lockstep(self, lockstep: Lockstep) -> None:
         """Publish frames in lockstep with the analyser, and omit recorded states."""
@@ -204,21 +205,21 @@ class ReplayPublishers:
         if self._lockstep is not None:
             self._lockstep.forget()
 
-    def of(self, connections: Iterable[Connection]) -> list[Connection]:
-        """Return the topics among `connections` that are published."""
+    def of(self, topics: Iterable[StoredTopic]) -> list[StoredTopic]:
+        """Return the topics among `topics` that are published."""
         played = {(topic, self._types[topic], CDR) for topic in self._publishers}
-        return [each for each in connections if topic_key(each) in played]
+        return [each for each in topics if each.key in played]
 
-    def leaves_out(self, connection: Connection) -> bool:
+    def leaves_out(self, topic: StoredTopic) -> bool:
         """Return whether a topic's next message must be omitted. Omitted messages are counted."""
-        states = self._states.get(connection.topic)
+        states = self._states.get(topic.name)
         left_out = states is not None and states.suppressed()
         self.left_out += left_out
         return left_out
 
-    def publish(self, connection: Connection, serialized: bytes) -> None:
+    def publish(self, stored: StoredTopic, serialized: bytes) -> None:
         """Publish a message. In lockstep, it first waits until the message may be published."""
-        topic = connection.topic
+        topic = stored.name
         if topic in self._decoders:
             serialized = serialize(self._decoders[topic](serialized))
         if self._lockstep is not None:
@@ -258,20 +259,20 @@ class ReplayPublishers:
         if self._lockstep is not None:
             self._lockstep.settle(self._stopping.is_set)
 
-    def _open(self, connection: Connection) -> None:
-        message_type = class_of(connection)
-        published = self._types.setdefault(connection.topic, connection.msgtype)
-        if published != connection.msgtype:
+    def _open(self, topic: StoredTopic) -> None:
+        message_type = class_of(topic)
+        published = self._types.setdefault(topic.name, topic.type_name)
+        if published != topic.type_name:
             raise ValueError(f'the topic is played with type {published}; a topic has one type')
-        if connection.topic in self._publishers:
+        if topic.name in self._publishers:
             return
-        if is_older(connection):
-            self._decoders[connection.topic] = decoder(connection)
+        if is_older(topic):
+            self._decoders[topic.name] = decoder(topic)
         qos = interfaces.stream_qos()
-        if kept := latched_depth(connection):
+        if kept := topic.latched_depth:
             qos = interfaces.latched_qos(min(kept, qos.depth))
-        publisher = self._node.create_publisher(message_type, connection.topic, qos)
-        self._publishers[connection.topic] = publisher
+        publisher = self._node.create_publisher(message_type, topic.name, qos)
+        self._publishers[topic.name] = publisher
 
     def _wait_for_acknowledgements(self, *topics: str) -> None:
         """Wait for the subscribers of these topics, because a full queue would drop messages."""

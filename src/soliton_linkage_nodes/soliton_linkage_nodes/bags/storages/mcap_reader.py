@@ -11,19 +11,10 @@ from operator import attrgetter
 from pathlib import Path
 from typing import NamedTuple
 
-from rosbags.interfaces import Connection
-
-from soliton_linkage_nodes.bags.guards import map_file
+from soliton_linkage_nodes.bags.guards import BagLimits, map_file
 from soliton_linkage_nodes.bags.storages import mcap_records as mcap
 from soliton_linkage_nodes.bags.storages.mcap_records import Bytes, Channel, Opcode, Schema
-from soliton_linkage_nodes.bags.storages.storage import (
-    LAST_STAMP,
-    LimitedReader,
-    Message,
-    Messages,
-    connection,
-    summary_of,
-)
+from soliton_linkage_nodes.bags.storages.storage import LAST_STAMP, Message
 
 _FOOTER_SIZE = 20
 """Size of the footer [B], which contains two offsets and a checksum."""
@@ -50,29 +41,25 @@ class _Stretch(NamedTuple):
     size: int
 
 
-class IndexedMcap(LimitedReader):
+class IndexedMcap:
     """Reader of the messages of an MCAP file in the order of their receive times.
 
-    `open` reads the index or, if it is incomplete, the whole file. The methods raise ValueError if
+    `topics` and `counts` map numbers to topics and to their numbers of messages, and `span` is the
+    first and the last receive time [ns], None without messages. The methods raise ValueError if
     the file is damaged or exceeds the limits.
     """
 
-    def __init__(self, path: Path) -> None:
-        super().__init__()
-        self._path = path
-        self._data: Bytes = b''
-        self._end = 0
+    def __init__(self, path: Path, limits: BagLimits) -> None:
+        """Read the topics and the index or, if it is incomplete, the whole file."""
+        self._limits = limits
+        self._data: Bytes = map_file(path)
+        self._end = len(self._data) - _TAIL
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
         self._parts: list[_Stretch] = []
         self._after: dict[int, int] = {}
-        self._counts: Counter[int] | None = None
-        self._span: tuple[int, int] | None = None
-
-    def open(self) -> None:
-        """Read the topics and the index."""
-        self._data = map_file(self._path)
-        self._end = len(self._data) - _TAIL
+        self._stated: Counter[int] | None = None
+        self.span: tuple[int, int] | None = None
         size = len(mcap.MAGIC)
         if self._end < size or bytes(self._data[:size]) != mcap.MAGIC:
             raise ValueError('it does not begin like an MCAP file')
@@ -85,37 +72,31 @@ class IndexedMcap(LimitedReader):
             for _, opcode, body in mcap.records_in(self._data[summary : self._end]):
                 self._take_record(opcode, body)
             self._end = min(summary, self._end)
-        if self._counts is None or not self._is_defined(self._counts):
+        if self._stated is None or not self._is_defined(self._stated):
             self._parts, self._after = [], {}
-            self._counts = self._scan()
+            self.counts = self._scan()
             starts = [part.start for part in self._parts]
-            self._span = (min(starts), max(part.end for part in self._parts)) if starts else None
+            self.span = (min(starts), max(part.end for part in self._parts)) if starts else None
         else:
             self._scan()
+            self.counts = self._stated
         self._parts.sort()
-        counts = self._counts
-        self.connections += [
-            connection(self, mcap.topic_of(channel, self._schemas), counts[channel.id])
-            for channel in self._channels.values()
-        ]
-        if self._span and max(self._span) > LAST_STAMP:
-            raise ValueError(f'its stamps {self._span[0]} to {self._span[1]} ns exceed 63 bits')
-        self.metadata = summary_of(self.connections, self._span)
+        channels = self._channels.items()
+        self.topics = {n: mcap.topic_of(channel, self._schemas) for n, channel in channels}
+        if self.span and max(self.span) > LAST_STAMP:
+            raise ValueError(f'its stamps {self.span[0]} to {self.span[1]} ns exceed 63 bits')
 
     def close(self) -> None:
         """Close the file."""
         self._data = b''
 
     def messages(
-        self, connections: Iterable[Connection], start: int | None = None, stop: int | None = None
-    ) -> Messages:
-        """Yield the messages of `connections` with receive times in [start, stop) [ns]."""
-        wanted = {each.id: each for each in connections}
+        self, topics: Collection[int], start: int | None, stop: int | None
+    ) -> Iterator[Message]:
+        """Yield the messages of topics, given by number, with stamps in [start, stop) [ns]."""
         first = 0 if start is None else start
         last = LAST_STAMP if stop is None else stop - 1
-        for message in self._in_order(first, last):
-            if message.topic in wanted:
-                yield wanted[message.topic], message.stamp, message.data
+        return (each for each in self._in_order(first, last) if each.topic in topics)
 
     def _is_defined(self, counts: Collection[int]) -> bool:
         schemas = {channel.schema for channel in self._channels.values()} - {0}
@@ -134,12 +115,12 @@ class IndexedMcap(LimitedReader):
             fields = mcap.Fields(body)
             fields.take(8 + 2 + 4 * 4)
             span = fields.number(8), fields.number(8)
-            self._counts = Counter(dict(struct.iter_unpack('<HQ', fields.sized())))
-            self._span = span if any(self._counts.values()) else None
+            self._stated = Counter(dict(struct.iter_unpack('<HQ', fields.sized())))
+            self.span = span if any(self._stated.values()) else None
 
     def _scan(self) -> Counter[int]:
         counts: Counter[int] = Counter()
-        budget = self.limits.for_file(len(self._data))
+        budget = self._limits.for_file(len(self._data))
         offset = len(mcap.MAGIC)
         while offset + mcap.RECORD_HEADER.size <= self._end:
             if offset in self._after:
@@ -188,8 +169,8 @@ class IndexedMcap(LimitedReader):
     def _in_order(self, first: int, last: int) -> Iterator[Message]:
         waiting: list[tuple[int, int, Message]] = []
         number = cost = 0
-        most = _MOST_WAITING * self.limits.max_unpacked
-        budget = self.limits.for_file(len(self._data))
+        most = _MOST_WAITING * self._limits.max_unpacked
+        budget = self._limits.for_file(len(self._data))
         chosen = [part for part in self._parts if part.end >= first and part.start <= last]
         for position, part in enumerate(chosen):
             while waiting and waiting[0][0] < part.start:
@@ -225,16 +206,16 @@ class IndexedMcap(LimitedReader):
 
     def _unpacked(self, body: Bytes) -> Bytes:
         head = mcap.parse_chunk_head(body)
-        self._check(head.uncompressed <= self.limits.max_unpacked, 'a chunk', 'max_unpacked')
+        self._check(head.uncompressed <= self._limits.max_unpacked, 'a chunk', 'max_unpacked')
         packed = body[head.begin : head.begin + head.packed]
-        records, whole = mcap.unpack(head, packed, self.limits.max_unpacked)
+        records, whole = mcap.unpack(head, packed, self._limits.max_unpacked)
         if not whole:
             raise ValueError('the size or checksum of a chunk is wrong')
         return records
 
     def _check(self, within: bool, subject: str, limit: str) -> None:
         if not within:
-            most = getattr(self.limits, limit)
+            most = getattr(self._limits, limit)
             raise ValueError(
                 f'{subject} would decompress to more than {limit} = {most} bytes; raise {limit}'
             )

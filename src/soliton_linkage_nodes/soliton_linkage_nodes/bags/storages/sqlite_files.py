@@ -6,25 +6,17 @@ from __future__ import annotations
 import shutil
 import sqlite3
 import time
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import closing
+from collections import Counter
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import ExitStack, closing
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from rosbags.interfaces import Connection
-
-from soliton_linkage_nodes.bags.guards import open_file, regular_file
+from soliton_linkage_nodes.bags.guards import BagLimits, open_file, regular_file
 from soliton_linkage_nodes.bags.metadata import custom_data_of
-from soliton_linkage_nodes.bags.storages.storage import (
-    LimitedReader,
-    Message,
-    Messages,
-    RecoveredFile,
-    connection,
-    summary_of,
-)
+from soliton_linkage_nodes.bags.storages.storage import Message, RecoveredFile
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic, completed
 
 _LEAST_ROW = 4
@@ -156,42 +148,42 @@ _TOPIC = ('id', 'name', 'type', 'serialization_format')
 _MESSAGE = ('topic_id', 'timestamp', 'data')
 
 
-class StoredSqlite(LimitedReader):
+class StoredSqlite:
     """Reader of a sqlite3 file, in the order of the receive times.
 
-    The methods raise ValueError or sqlite3.Error if the file is damaged.
+    `topics`, `counts` and `span` are the same as of an `IndexedMcap`. The methods raise ValueError
+    or sqlite3.Error if the file is damaged.
     """
 
-    def __init__(self, path: Path) -> None:
-        super().__init__()
-        self._path = path
-        self._tables: Tables | None = None
-
-    def open(self) -> None:
-        """Read the topics."""
-        self._folder = TemporaryDirectory(prefix='bag_')
+    def __init__(self, path: Path, limits: BagLimits) -> None:
+        """Read the topics and the first and the last receive time."""
+        self._limits = limits
+        self._stack = ExitStack()
         try:
-            path = _with_journal(self._path, Path(self._folder.name))
-            self._tables = Tables(path, self.limits.max_unpacked)
-            self._read_topics_and_times(self._tables)
+            folder = self._stack.enter_context(TemporaryDirectory(prefix='bag_'))
+            path = _with_journal(path, Path(folder))
+            tables = Tables(path, limits.max_unpacked)
+            self._tables = self._stack.enter_context(closing(tables))
+            self.counts = Counter(tables.counts('messages', 'topic_id'))
+            self.topics = dict(map(_checked_topic, tables.topics()))
+            self.span = tables.extremes('messages', 'timestamp') if self.counts else None
+            for stamp in self.span or ():
+                if not isinstance(stamp, int):
+                    text = str(stamp)[:40]
+                    raise ValueError(f'a message has the stamp {text}, not a time in ns')
         except BaseException:
             self.close()
             raise
 
     def close(self) -> None:
         """Close the file."""
-        if self._tables is not None:
-            self._tables.close()
-        self._folder.cleanup()
+        self._stack.close()
 
     def messages(
-        self, connections: Iterable[Connection], start: int | None = None, stop: int | None = None
-    ) -> Messages:
-        """Yield the messages of `connections` with receive times in [start, stop) [ns]."""
-        if self._tables is None:
-            raise sqlite3.ProgrammingError('the file is not open')
-        wanted = {each.id: each for each in connections}
-        numbers = list(wanted) if len(wanted) <= _MOST_SELECTED else []
+        self, topics: Collection[int], start: int | None, stop: int | None
+    ) -> Iterator[Message]:
+        """Yield the messages of topics, given by number, with stamps in [start, stop) [ns]."""
+        numbers = list(topics) if len(topics) <= _MOST_SELECTED else []
         bounds = {'timestamp >= ?': start, 'timestamp < ?': stop}
         given = {clause: bound for clause, bound in bounds.items() if bound is not None}
         chosen = [f'topic_id IN ({", ".join("?" for _ in numbers)})'] if numbers else []
@@ -202,23 +194,17 @@ class StoredSqlite(LimitedReader):
             if not (isinstance(stamp, int) and isinstance(data, bytes)):
                 raise ValueError(
                     'a message has no stamp or no bytes, or more bytes than max_unpacked = '
-                    f'{self.limits.max_unpacked}'
+                    f'{self._limits.max_unpacked}'
                 )
-            if number in wanted:
-                yield wanted[number], stamp, data
+            if number in topics:
+                yield Message(number, 0, stamp, stamp, data)
 
-    def _read_topics_and_times(self, tables: Tables) -> None:
-        counts = tables.counts('messages', 'topic_id')
-        for number, *texts in tables.topics():
-            if not isinstance(number, int) or not all(isinstance(each, str) for each in texts):
-                raise ValueError('its table of topics is damaged')
-            topic = StoredTopic(number, *texts)
-            self.connections.append(connection(self, topic, counts.get(number, 0)))
-        span = tables.extremes('messages', 'timestamp') if counts else None
-        for stamp in span or ():
-            if not isinstance(stamp, int):
-                raise ValueError(f'a message has the stamp {str(stamp)[:40]}, not a time in ns')
-        self.metadata = summary_of(self.connections, span)
+
+def _checked_topic(fields: Sequence[Any]) -> tuple[int, StoredTopic]:
+    number, *texts = fields
+    if not isinstance(number, int) or not all(isinstance(each, str) for each in texts):
+        raise ValueError('its table of topics is damaged')
+    return number, StoredTopic(number, *texts)
 
 
 class RecoveredSqlite(RecoveredFile):

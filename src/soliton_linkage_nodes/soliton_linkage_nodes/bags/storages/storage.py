@@ -1,33 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Base classes for readers of bag files and for recovery of damaged files."""
+"""Messages of bag files, and the base class for recovery of damaged files."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
-
-from rosbags.interfaces import (
-    Connection,
-    ConnectionExtRosbag2,
-    MessageDefinition,
-    MessageDefinitionFormat,
-    Qos,
-)
-from rosbags.rosbag2.metadata import ReaderMetadata, parse_qos
+from typing import NamedTuple
 
 from soliton_linkage_nodes.bags.guards import DEFAULT_LIMITS, BagLimits
-from soliton_linkage_nodes.bags.stored_topic import StoredTopic, profiles_in
+from soliton_linkage_nodes.bags.stored_topic import StoredTopic
 
-if TYPE_CHECKING:
-    from rosbags.rosbag2.reader import ReaderProtocol
-
-_FORMATS = {
-    'ros2msg': MessageDefinitionFormat.MSG,
-    'ros2idl': MessageDefinitionFormat.IDL,
-    'omgidl': MessageDefinitionFormat.IDL,
-}
 LAST_STAMP = 2**63 - 1
 """Largest stamp that fits into a signed 64-bit integer [ns since 1970]; it is in the year 2262."""
 
@@ -43,53 +26,6 @@ class Message(NamedTuple):
     stamp: int
     published: int
     data: bytes
-
-
-Messages = Generator[tuple[Connection, int, bytes], None, None]
-"""Topic, receive time [ns] and bytes of each message."""
-
-
-class LimitedReader:
-    """Base class of storage readers for rosbags. Set `limits` before `open` is called."""
-
-    def __init__(self) -> None:
-        self.limits = DEFAULT_LIMITS
-        self.connections: list[Connection] = []
-        self.metadata = summary_of((), None)
-
-
-def connection(owner: ReaderProtocol, topic: StoredTopic, count: int) -> Connection:
-    """Return the `Connection` by which rosbags describes a topic with `count` messages."""
-    kind = _FORMATS.get(topic.definition_format, MessageDefinitionFormat.NONE)
-    known = kind is not MessageDefinitionFormat.NONE
-    definition = MessageDefinition(kind, topic.definition if known else '')
-    extension = ConnectionExtRosbag2(topic.serialization, parse_profiles(topic.profiles))
-    names = topic.number, topic.name, topic.type_name
-    return Connection(*names, definition, topic.digest, count, extension, owner)
-
-
-def parse_profiles(profiles: str | Sequence[Any]) -> list[Qos]:
-    """Return QoS profiles from a YAML text or from its parsed list, [] if they are invalid."""
-    try:
-        values: Any = profiles_in(profiles) if isinstance(profiles, str) else list(profiles)
-        return parse_qos(values)
-    except (KeyError, TypeError, ValueError, AttributeError):
-        return []
-
-
-def summary_of(
-    connections: Sequence[Connection],
-    span: tuple[int, int] | None,
-    compression: tuple[str | None, str | None] = (None, None),
-    distribution: str | None = None,
-    custom: dict[str, str] | None = None,
-) -> ReaderMetadata:
-    """Return a bag's metadata for rosbags; `span` is first and last receive time [ns], if any."""
-    times = 0, LAST_STAMP, 0, 0
-    if span:
-        start, end = span
-        times = end - start + 1, start, end + 1, sum(each.msgcount for each in connections)
-    return ReaderMetadata(*times, *compression, distribution, custom)
 
 
 class RecoveredFile(ABC):

@@ -12,13 +12,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rosbags.rosbag2 import Reader
 
 from soliton_linkage.estimation.estimates import AnalysedSoliton
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.solitons.track import Crossing, Track, find_crossings, measured_track
 from soliton_linkage_msgs.msg import SolitonState
+from soliton_linkage_nodes.bags.bag_files import BagReader
 from soliton_linkage_nodes.bags.reading import open_bag, read_topic
 from soliton_linkage_nodes.live_view.sharing import shared_page, soliton_numbers
 from soliton_linkage_nodes.messages.conversions import NamedChain
@@ -63,7 +63,7 @@ def read_run(bag: Path) -> RecordedRun:
         )
         states = [message for _, message in read_topic(reader, 'soliton_state')]
         events = [each for _, each in _if_recorded(reader, interfaces.SOLITON_EVENTS.name)]
-        custom = reader.storage.metadata.custom or {}
+        custom = reader.custom_data
         messages = reader.message_count
     first = time_from_msg(frames[0].header.stamp)
     nudged = ((commands[0][0] if commands else first) - first) * 1e-9
@@ -137,9 +137,9 @@ def summarise(run: RecordedRun) -> dict[str, Any]:
     }
 
 
-def _if_recorded(reader: Reader, name: str) -> list[tuple[int, Any]]:
+def _if_recorded(reader: BagReader, name: str) -> list[tuple[int, Any]]:
     """Return receive times [ns] and messages of a topic that older bags may lack."""
-    recorded = any(each.topic.rpartition('/')[2] == name for each in reader.connections)
+    recorded = any(each.name.rpartition('/')[2] == name for each in reader.topics)
     return list(read_topic(reader, name)) if recorded else []
 
 
