@@ -3,75 +3,35 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
-from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage_nodes.bags.bag_files import BagReader
 from soliton_linkage_nodes.bags.guards import BagLimits
-from soliton_linkage_nodes.bags.play.controls import PlayerControls
+from soliton_linkage_nodes.bags.play import keyboard
 from soliton_linkage_nodes.bags.play.playback import (
+    BagPlayerParameters,
     PlaybackThread,
     find_topics,
     full_name,
     playback_range,
 )
 from soliton_linkage_nodes.bags.play.playback_clock import RATES, PlaybackClock
-from soliton_linkage_nodes.bags.play.replay_publishers import (
-    Lockstep,
-    RecordedStates,
-    ReplayPublishers,
-)
+from soliton_linkage_nodes.bags.play.replay_publishers import Lockstep, ReplayPublishers
 from soliton_linkage_nodes.bags.reading import find_topic, open_bag, types_of_topic
-from soliton_linkage_nodes.bags.storages.storage import LAST_STAMP
+from soliton_linkage_nodes.bags.services import Reply, serve, serve_value
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
 from soliton_linkage_nodes.runtime.parameters import current
 from soliton_linkage_nodes.runtime.process import run
-from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
+from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 
-_LAST = LAST_STAMP / SECOND
-"""Latest time that a 64-bit stamp can hold [s]."""
-
-
-@dataclass(frozen=True)
-class BagPlayerParameters:
-    """Parameters of the player."""
-
-    bag: str = quantity('', 'path of the bag to play')
-    rate: float = quantity(1.0, 'playback rate relative to the recording', '', *RATES)
-    topics: tuple[str, ...] = quantity((), 'topics to play; empty: all in the bag')
-    start_offset: float = quantity(0.0, 'start time in the bag', 's', 0.0, _LAST)
-    playback_until: float = quantity(
-        0.0, 'end time in the bag, 0: end of the bag', 's', 0.0, _LAST
-    )
-    loop: bool = quantity(False, 'restart at the end of the bag')
-    stay: bool = quantity(False, 'keep running at the end of the bag, for ~/play')
-    start_paused: bool = quantity(False, 'begin paused, until ~/resume is called')
-    wait_for: tuple[str, ...] = quantity(
-        (), 'topics that must have a subscriber before the start; empty: joint_states'
-    )
-    subscriber_timeout: float = quantity(
-        5.0, 'longest wait for each of these subscribers', 's', 0.0, 3600.0
-    )
-    publish_clock: bool = quantity(
-        False, 'publish the receive times on /clock; a recorded /clock is then not played'
-    )
-    longest_gap: float = quantity(
-        3600.0, 'gap between messages above which the player skips it; 0: never', 's', 0.0, _LAST
-    )
-    lockstep: bool = quantity(
-        False, 'play as fast as the analyser answers each frame with a soliton_state'
-    )
-    lockstep_window: int = quantity(
-        100, 'largest number of unanswered frames in lockstep', '', 1, 1000
-    )
-    lockstep_timeout: float = quantity(
-        5.0, 'longest wait for an answer in lockstep', 's', 0.1, 3600.0
-    )
+_FASTER = 1.1
+"""Each press of the key for faster (slower) multiplies (divides) the playback rate by this [1]."""
+_KEYS = 'space: pause; right: next message; up, down: faster, slower'
 
 
 class BagPlayer(ManagedNode):
@@ -102,33 +62,30 @@ class BagPlayer(ManagedNode):
         if not settings.bag:
             raise ValueError("parameter bag of bag_player = '' must be the path of a bag")
         self._playback = PlaybackClock(settings.rate, settings.start_paused, not settings.lockstep)
-        self._lockstep: Lockstep | None = None
         with open_bag(Path(settings.bag), limits) as reader:
             topics = self._without_clock(find_topics(reader, settings.topics))
+            counts = {each: reader.counts[each] for each in topics}
             try:
-                counts = {each: reader.counts[each] for each in topics}
-                self._replay = ReplayPublishers(self, counts, self._playback.stopping)
+                self._replay = ReplayPublishers(
+                    self, counts, self._playback.stopping, settings.publish_clock
+                )
             except ValueError as error:
                 raise ValueError(f'bag {settings.bag!r}: {error}') from error
             pace = 'in lockstep' if settings.lockstep else f'at rate {settings.rate:g}'
             self.get_logger().info(f'playing {settings.bag}: {self._replay.total} messages {pace}')
             self._range = playback_range(reader, settings.start_offset, settings.playback_until)
-            self._awaited = self._topics_to_wait_for(reader)
-            self._latched = {each.name for each in reader.topics if each.latched_depth}
+            awaited = self._topics_to_wait_for(reader)
             if settings.lockstep:
                 frames = find_topic(reader, interfaces.JOINT_STATES.name).name
                 window, timeout = settings.lockstep_window, settings.lockstep_timeout
-                self._lockstep = Lockstep(self, frames, window, timeout)
-                self._replay.set_lockstep(self._lockstep)
+                self._replay.set_lockstep(Lockstep(self, frames, window, timeout))
             else:
-                self._suppress_recorded_states(reader)
-        clock = interfaces.CLOCK
-        self._clock_publisher = clock.publisher(self) if settings.publish_clock else None
-        played = Path(settings.bag), self._replay, self._playback, settings.loop
-        calls = self._prepare, self._publish_clock
-        self._playing = PlaybackThread(*played, *calls, settings.longest_gap, limits)
+                chosen = {topic.rpartition('/')[2] for topic in settings.topics}
+                self._replay.suppress_beside_analyser(chosen)
+        self._playing = PlaybackThread(self._replay, self._playback, settings, limits, awaited)
         self.diagnostics = Diagnostics(self, 'playing', self.reporting(self._report))
-        self._controls = PlayerControls(self, self._playback, self._playing, self._range)
+        self._offer_services()
+        self._keyboard = self._read_keys()
         self._paused = False
         self._begun = False
 
@@ -148,7 +105,7 @@ class BagPlayer(ManagedNode):
     def cleanup(self) -> None:
         """Stop playing and restore the terminal."""
         self._playing.stop()
-        self._controls.close()
+        self._keyboard.close()
 
     @property
     def finished(self) -> bool:
@@ -174,27 +131,9 @@ class BagPlayer(ManagedNode):
         self.get_logger().info('the recorded /clock is not played, because publish_clock is set')
         return others
 
-    def _suppress_recorded_states(self, reader: BagReader) -> None:
-        chosen = {topic.rpartition('/')[2] for topic in self._settings.topics}
-        for topic in self._replay.of(reader.topics):
-            name = topic.name.rpartition('/')[2]
-            if name in (interfaces.SOLITON_STATE.name, interfaces.SOLITON_EVENTS.name):
-                states = RecordedStates(self, topic.name, name in chosen)
-                self._replay.suppress_beside_analyser(states)
-
-    def _prepare(self, latched_topics: bool) -> None:
-        awaited = [each for each in self._awaited if (each in self._latched) is latched_topics]
-        limit = self._settings.subscriber_timeout
-        self._replay.wait_for_subscribers(awaited, limit)
-        if not latched_topics:
-            self._replay.wait_for_the_analyser(limit)
-
-    def _publish_clock(self, stamp: int) -> None:
-        if self._clock_publisher is not None:
-            self._clock_publisher.publish(interfaces.CLOCK.type(clock=time_to_msg(stamp)))
-
     def _report(self) -> Report:
-        given_up = self._lockstep.given_up if self._lockstep else 0
+        lockstep = self._replay.lockstep
+        given_up = lockstep.given_up if lockstep else 0
         state = f'played {self._playing.summary()}'
         if given_up:
             state = f'{state}, {given_up} frames without an answer of the analyser'
@@ -208,6 +147,95 @@ class BagPlayer(ManagedNode):
             'recorded states left out': self._replay.left_out,
         }
         return Report(state, figures, warning=bool(given_up))
+
+    def _read_keys(self) -> keyboard.Keyboard:
+        clock = self._playback
+        keys = {
+            keyboard.SPACE: clock.toggle,
+            keyboard.RIGHT: clock.play_next,
+            keyboard.UP: lambda: self._change_rate(_FASTER),
+            keyboard.DOWN: lambda: self._change_rate(1 / _FASTER),
+        }
+        reading = keyboard.Keyboard(lambda key: self.active and key in keys and keys[key]())
+        if reading.taken:
+            self.get_logger().info(_KEYS)
+        return reading
+
+    def _change_rate(self, factor: float) -> None:
+        low, high = RATES
+        self._playback.set_rate(min(max(self._playback.rate * factor, low), high))
+
+    def _offer_services(self) -> None:
+        clock = self._playback
+        serve(self, 'pause', 'Pause', lambda _: self._pause_by(clock.pause))
+        serve(self, 'resume', 'Resume', lambda _: self._pause_by(clock.resume))
+        serve(self, 'toggle_paused', 'TogglePaused', lambda _: self._pause_by(clock.toggle))
+        serve(self, 'play_next', 'PlayNext', lambda _: self._play_next())
+        serve(self, 'burst', 'Burst', self._burst)
+        serve(self, 'seek', 'Seek', lambda request: self._seek(time_from_msg(request.time)))
+        serve(self, 'play', 'Play', self._play)
+        serve(self, 'stop', 'Stop', lambda _: self._stop())
+        serve(self, 'set_rate', 'SetRate', lambda request: self._set_rate(request.rate))
+        serve_value(self, 'is_paused', 'IsPaused', 'paused', lambda: clock.paused)
+        serve_value(self, 'get_rate', 'GetRate', 'rate', lambda: clock.rate)
+
+    def _pause_by(self, act: Callable[[], None]) -> Reply:
+        act()
+        return Reply('paused' if self._playback.paused else 'playing')
+
+    def _play_next(self) -> Reply:
+        if not self._playback.play_next():
+            raise ValueError(self._no_step())
+        return Reply('played one message')
+
+    def _burst(self, request: Any) -> Reply:
+        wanted = getattr(request, 'num_messages', 0)
+        passed = self._playback.burst(wanted)
+        if not passed:
+            raise ValueError(self._no_step())
+        more = ', the rest follows' if self._playback.stepping else ''
+        return Reply(f'played {passed} messages{more}', {'actually_burst': passed})
+
+    def _no_step(self) -> str:
+        if self._playback.paused:
+            return 'no message is left, or none is ready yet; call it again, ~/seek or ~/play'
+        return 'the playback is not paused; call ~/pause first'
+
+    def _seek(self, stamp: int) -> Reply:
+        first, last = self._range.origin, self._range.end
+        if not self._playing.playing:
+            raise ValueError('nothing is playing; call ~/play')
+        if 0 <= stamp < first and stamp <= last - first:
+            stamp += first
+        if not first <= stamp <= last:
+            raise ValueError(f'{stamp} ns is outside the bag, {first} to {last} ns')
+        self._playback.seek(stamp)
+        return Reply(f'continues at {(stamp - first) / SECOND:.3f} s')
+
+    def _play(self, request: Any) -> Reply:
+        part = self._range
+        if hasattr(request, 'start_offset'):
+            part = part.part(
+                time_from_msg(request.start_offset),
+                time_from_msg(request.playback_duration),
+                time_from_msg(request.playback_until_timestamp),
+            )
+        self._playing.play(part)
+        begin, end = ((t - part.origin) / SECOND for t in (part.start, part.end))
+        paused = ', after ~/resume' if self._playback.paused else ''
+        return Reply(f'plays from {begin:.3f} to {end:.3f} s{paused}')
+
+    def _stop(self) -> Reply:
+        was_playing = self._playing.playing
+        self._playing.stop()
+        return Reply('stopped; ~/play starts again' if was_playing else 'nothing was playing')
+
+    def _set_rate(self, rate: float) -> Reply:
+        low, high = RATES
+        if not low <= rate <= high:
+            raise ValueError(f'rate = {rate:g} must lie in the range {low:g} to {high:g}')
+        self._playback.set_rate(rate)
+        return Reply(f'{rate:g} times as fast as recorded')
 
 
 def main() -> None:

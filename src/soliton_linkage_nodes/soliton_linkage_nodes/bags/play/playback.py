@@ -4,21 +4,63 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
 
+from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage.progress import ProgressLine
 from soliton_linkage_nodes.bags.bag_files import BagReader
-from soliton_linkage_nodes.bags.guards import DEFAULT_LIMITS, BagLimits
+from soliton_linkage_nodes.bags.guards import BagLimits
 from soliton_linkage_nodes.bags.metadata import gaps_in, time_in_gaps
-from soliton_linkage_nodes.bags.play.playback_clock import NextAction, PlaybackClock
+from soliton_linkage_nodes.bags.play.playback_clock import RATES, NextAction, PlaybackClock
 from soliton_linkage_nodes.bags.play.replay_publishers import ReplayPublishers
 from soliton_linkage_nodes.bags.reading import latched_before, open_bag, types_of_topic
+from soliton_linkage_nodes.bags.storages.storage import LAST_STAMP
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic
 from soliton_linkage_nodes.runtime.stamps import SECOND
+
+_LAST = LAST_STAMP / SECOND
+"""Latest time that a 64-bit stamp can hold [s]."""
+
+
+@dataclass(frozen=True)
+class BagPlayerParameters:
+    """Parameters of the player."""
+
+    bag: str = quantity('', 'path of the bag to play')
+    rate: float = quantity(1.0, 'playback rate relative to the recording', '', *RATES)
+    topics: tuple[str, ...] = quantity((), 'topics to play; empty: all in the bag')
+    start_offset: float = quantity(0.0, 'start time in the bag', 's', 0.0, _LAST)
+    playback_until: float = quantity(
+        0.0, 'end time in the bag, 0: end of the bag', 's', 0.0, _LAST
+    )
+    loop: bool = quantity(False, 'restart at the end of the bag')
+    stay: bool = quantity(False, 'keep running at the end of the bag, for ~/play')
+    start_paused: bool = quantity(False, 'begin paused, until ~/resume is called')
+    wait_for: tuple[str, ...] = quantity(
+        (), 'topics that must have a subscriber before the start; empty: joint_states'
+    )
+    subscriber_timeout: float = quantity(
+        5.0, 'longest wait for each of these subscribers', 's', 0.0, 3600.0
+    )
+    publish_clock: bool = quantity(
+        False, 'publish the receive times on /clock; a recorded /clock is then not played'
+    )
+    longest_gap: float = quantity(
+        3600.0, 'gap between messages above which the player skips it; 0: never', 's', 0.0, _LAST
+    )
+    lockstep: bool = quantity(
+        False, 'play as fast as the analyser answers each frame with a soliton_state'
+    )
+    lockstep_window: int = quantity(
+        100, 'largest number of unanswered frames in lockstep', '', 1, 1000
+    )
+    lockstep_timeout: float = quantity(
+        5.0, 'longest wait for an answer in lockstep', 's', 0.1, 3600.0
+    )
 
 
 @dataclass(frozen=True)
@@ -87,41 +129,30 @@ def full_name(reader: BagReader, name: str) -> str:
 class PlaybackThread:
     """Thread that publishes each message of a bag when it is due.
 
-    The thread first calls `prepare(True)`, which must wait for subscribers of latched topics. It
-    then publishes the last latched messages from before the range, and calls `prepare(False)`,
-    which must wait for all other subscribers. Before each message, it calls `publish_clock` with
-    the receive time of the message [ns]. `finished` is set at the end of the range, but not after
-    a stop. `rounds` is the number of starts of the range, and `jumps` the number of seeks.
+    The thread first waits for subscribers of the latched topics among `awaited`, and publishes the
+    last latched messages from before the range. It then waits for the other subscribers and, in
+    lockstep, for the analyser. `finished` is set at the end of the range, but not after a stop.
+    `rounds` is the number of starts of the range, and `jumps` the number of seeks.
     """
 
     def __init__(
         self,
-        path: Path,
         publishers: ReplayPublishers,
         clock: PlaybackClock,
-        loop: bool,
-        prepare: Callable[[bool], None],
-        publish_clock: Callable[[int], None],
-        longest_gap: float = 0.0,
-        limits: BagLimits = DEFAULT_LIMITS,
+        settings: BagPlayerParameters,
+        limits: BagLimits,
+        awaited: Sequence[str],
     ) -> None:
-        """Prepare a playback, which is repeated without end if `loop` is set.
-
-        Unless `longest_gap` [s] is 0, longer times without messages are skipped.
-        """
         self.failure: Exception | None = None
         self.finished = False
         self.playing = False
         self.rounds = 0
         self.jumps = 0
-        self._path = path
         self._publishers = publishers
         self._clock = clock
-        self._loop = loop
-        self._prepare = prepare
-        self._publish_clock = publish_clock
-        self._longest_gap = longest_gap
+        self._settings = settings
         self._limits = limits
+        self._awaited = awaited
         self._thread: threading.Thread | None = None
 
     def play(self, part: PlaybackRange) -> None:
@@ -132,7 +163,7 @@ class PlaybackThread:
         self._clock.reopen()
         self._publishers.reset()
         self._range = part
-        self._progress = ProgressLine(f'playing {self._path}', part.duration)
+        self._progress = ProgressLine(f'playing {self._settings.bag}', part.duration)
         self.finished = False
         self.playing = True
         self.rounds, self.jumps = 1, 0
@@ -158,7 +189,7 @@ class PlaybackThread:
 
     def _run(self) -> None:
         try:
-            with open_bag(self._path, self._limits) as reader:
+            with open_bag(Path(self._settings.bag), self._limits) as reader:
                 self._gaps = gaps_in(reader.custom_data)
                 self._play(reader)
             self._publishers.deliver()
@@ -168,21 +199,24 @@ class PlaybackThread:
         self.playing = False
 
     def _play(self, reader: BagReader) -> None:
-        start = self._range.start
-        self._prepare(True)
+        start, limit = self._range.start, self._settings.subscriber_timeout
+        latched = {each.name for each in reader.topics if each.latched_depth}
+        self._publishers.wait_for_subscribers(latched.intersection(self._awaited), limit)
         ahead = self._publish_latched(reader, start)
-        self._prepare(False)
+        others = [each for each in self._awaited if each not in latched]
+        self._publishers.wait_for_subscribers(others, limit)
+        self._publishers.wait_for_the_analyser(limit)
         while (action := self._play_from(reader, start, ahead)) is not NextAction.STOP:
             if action is NextAction.SEEK:
                 self.jumps += 1
                 start = self._clock.take_sought()
-            elif self._loop:
+            elif self._settings.loop:
                 self.rounds += 1
                 start = self._range.start
             else:
                 break
             ahead = self._publish_latched(reader, start)
-        self._progress.end(f'played {self.summary(f" of {self._path}")}')
+        self._progress.end(f'played {self.summary(f" of {self._settings.bag}")}')
 
     def _play_from(self, reader: BagReader, start: int, ahead: dict[str, int]) -> NextAction:
         """Play from `start` [ns] on, but omit messages whose topic and time `ahead` contains."""
@@ -200,14 +234,14 @@ class PlaybackThread:
             action = self._clock.wait_for(stamp, partial(self._show, stamp))
             if action is not NextAction.PLAY:
                 return action
-            self._publish_clock(stamp)
+            self._publishers.publish_clock(stamp)
             self._publishers.publish(topic, serialized)
             self._show(stamp)
         return self._clock.wait_at_end()
 
     def _skip_gap(self, before: int, stamp: int) -> None:
         skipped = time_in_gaps(self._gaps, before, stamp)
-        limit = round(self._longest_gap * SECOND)
+        limit = round(self._settings.longest_gap * SECOND)
         if limit and stamp - before - skipped > limit:
             skipped = stamp - before
         if skipped:

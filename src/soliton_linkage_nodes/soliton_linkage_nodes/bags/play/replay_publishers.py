@@ -7,7 +7,7 @@ import struct
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Container, Iterable, Mapping
 from typing import Any
 
 from rclpy.duration import Duration
@@ -22,6 +22,7 @@ from soliton_linkage_nodes.bags.stored_topic import CDR, StoredTopic
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.interfaces import wait_for_subscriber
 from soliton_linkage_nodes.runtime.serialization import serialize
+from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
 _ANSWER_POLL_INTERVAL = 0.05
 """While the player waits for the analyser, it checks for a stop request at this interval [s]."""
@@ -142,9 +143,13 @@ class ReplayPublishers:
     """
 
     def __init__(
-        self, node: Node, counts: Mapping[StoredTopic, int], stopping: threading.Event
+        self,
+        node: Node,
+        counts: Mapping[StoredTopic, int],
+        stopping: threading.Event,
+        with_clock: bool,
     ) -> None:
-        """Create publishers for the topics, given with their numbers of messages.
+        """Create publishers for the topics, given with their numbers of messages, and for /clock.
 
         Logs which topics cannot be played. Raises ValueError if no topic can be played.
         """
@@ -157,7 +162,8 @@ class ReplayPublishers:
         self.left_out = 0
         self._node = node
         self._stopping = stopping
-        self._lockstep: Lockstep | None = None
+        self.lockstep: Lockstep | None = None
+        """Flow control by an analyser, None if the messages are paced by the clock."""
         self._states: dict[str, RecordedStates] = {}
         self._decoders: dict[str, Callable[[bytes], Any]] = {}
         self._publishers: dict[str, Publisher] = {}
@@ -176,6 +182,7 @@ class ReplayPublishers:
             raise ValueError(f'no topic can be played; {"; ".join(rejections[:_MOST_REASONS])}')
         for rejection in rejections:
             node.get_logger().warning(rejection)
+        self._clock = interfaces.CLOCK.publisher(node) if with_clock else None
 
     @property
     def total(self) -> int:
@@ -185,11 +192,14 @@ class ReplayPublishers:
     def set_lockstep(self, lockstep: Lockstep) -> None:
         """Publish frames in lockstep with the analyser, and omit recorded states."""
         self._publishers.pop(lockstep.states, None)
-        self._lockstep = lockstep
+        self.lockstep = lockstep
 
-    def suppress_beside_analyser(self, states: RecordedStates) -> None:
-        """Omit recorded states while an analyser publishes the same topic."""
-        self._states[states.topic] = states
+    def suppress_beside_analyser(self, chosen: Container[str]) -> None:
+        """Omit recorded states while an analyser publishes the same topic that is not `chosen`."""
+        for topic in self._publishers:
+            name = topic.rpartition('/')[2]
+            if name in (interfaces.SOLITON_STATE.name, interfaces.SOLITON_EVENTS.name):
+                self._states[topic] = RecordedStates(self._node, topic, name in chosen)
 
     def report_gap(self, stamp: int, gap: float) -> None:
         """Log that `gap` seconds without messages before `stamp` [ns] were skipped."""
@@ -202,8 +212,8 @@ class ReplayPublishers:
         """Reset the counters, and forget unanswered frames."""
         self.published = 0
         self.left_out = 0
-        if self._lockstep is not None:
-            self._lockstep.forget()
+        if self.lockstep is not None:
+            self.lockstep.forget()
 
     def of(self, topics: Iterable[StoredTopic]) -> list[StoredTopic]:
         """Return the topics among `topics` that are published."""
@@ -222,15 +232,20 @@ class ReplayPublishers:
         topic = stored.name
         if topic in self._decoders:
             serialized = serialize(self._decoders[topic](serialized))
-        if self._lockstep is not None:
-            self._lockstep.wait_for_turn(topic, serialized, self._stopping.is_set)
+        if self.lockstep is not None:
+            self.lockstep.wait_for_turn(topic, serialized, self._stopping.is_set)
         if self._unconfirmed[topic] >= self._publishers[topic].qos_profile.depth:
             self._wait_for_acknowledgements(topic)
         self._publishers[topic].publish(serialized)
         self._unconfirmed[topic] += 1
-        if self._lockstep is not None and topic != self._lockstep.frames:
+        if self.lockstep is not None and topic != self.lockstep.frames:
             self._wait_for_acknowledgements(topic)
         self.published += 1
+
+    def publish_clock(self, stamp: int) -> None:
+        """Publish the time `stamp` [ns] on /clock if the player publishes it."""
+        if self._clock is not None:
+            self._clock.publish(interfaces.CLOCK.type(clock=time_to_msg(stamp)))
 
     def wait_for_subscribers(self, topics: Iterable[str], limit: float) -> None:
         """For each topic, wait at most `limit` [s] until it has a subscriber outside this node."""
@@ -247,8 +262,8 @@ class ReplayPublishers:
 
     def wait_for_the_analyser(self, limit: float) -> None:
         """In lockstep, wait until an analyser publishes; ValueError after `limit` [s]."""
-        if self._lockstep is not None:
-            self._lockstep.wait_for_the_analyser(limit, self._stopping)
+        if self.lockstep is not None:
+            self.lockstep.wait_for_the_analyser(limit, self._stopping)
 
     def deliver(self) -> None:
         """Wait until all subscribers have acknowledged all messages.
@@ -256,8 +271,8 @@ class ReplayPublishers:
         In lockstep, also wait until the analyser has answered the last frame.
         """
         self._wait_for_acknowledgements(*self._publishers)
-        if self._lockstep is not None:
-            self._lockstep.settle(self._stopping.is_set)
+        if self.lockstep is not None:
+            self.lockstep.settle(self._stopping.is_set)
 
     def _open(self, topic: StoredTopic) -> None:
         message_type = class_of(topic)
@@ -306,7 +321,7 @@ class RecordedStates:
     """Suppression of recorded soliton states or events while an analyser publishes them."""
 
     def __init__(self, node: Node, topic: str, chosen: bool) -> None:
-        self.topic = topic
+        self._topic = topic
         self._node = node
         self._states = node.resolve_topic_name(topic)
         frames = f'{topic.rpartition("/")[0]}/{interfaces.JOINT_STATES.name}'
@@ -333,7 +348,7 @@ class RecordedStates:
         return min(subscribers & publishers - {node.get_fully_qualified_name()}, default='')
 
     def _log(self) -> None:
-        log, name = self._node.get_logger(), self.topic.rpartition('/')[2]
+        log, name = self._node.get_logger(), self._topic.rpartition('/')[2]
         if not self._analyser:
             log.info(f'no analyser runs: the recorded {self._states} is played again')
         elif self._chosen:
