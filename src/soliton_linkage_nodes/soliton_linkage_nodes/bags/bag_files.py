@@ -14,21 +14,8 @@ from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
 from typing import Any, TypeAlias
 
-from soliton_linkage_nodes.bags.guards import (
-    PACKED,
-    BagLimits,
-    decompress_file,
-    decompressed_message,
-    open_file,
-    regular_file,
-)
-from soliton_linkage_nodes.bags.metadata import (
-    METADATA_FILE,
-    METADATA_VERSION,
-    custom_data_in,
-    load_metadata,
-    storage_of,
-)
+from soliton_linkage_nodes.bags import guards, metadata
+from soliton_linkage_nodes.bags.guards import BagLimits
 from soliton_linkage_nodes.bags.storages.mcap_reader import IndexedMcap
 from soliton_linkage_nodes.bags.storages.sqlite_files import StoredSqlite
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic
@@ -91,12 +78,12 @@ class BagReader:
         if self.path.is_dir():
             folder, (information, names, self._mode) = self.path, _checked_metadata(self.path)
         else:
-            packed = self.path.suffix == PACKED
+            packed = self.path.suffix == guards.PACKED
             folder, information, names = self.path.parent, {}, [self.path.name]
             self._mode = 'file' if packed else ''
         files = [_file_in(folder, name) for name in names]
         for path in self._decompressed(files) if self._mode == 'file' else files:
-            storage = storage_of(path) or str(information.get('storage_identifier') or '')
+            storage = metadata.storage_of(path) or str(information.get('storage_identifier') or '')
             if storage not in _READERS:
                 raise ValueError(f'storage {storage!r} is not one of {", ".join(_READERS)}.')
             self._files.append(_READERS[storage](path, self._limits))
@@ -105,7 +92,7 @@ class BagReader:
         spans = [each.span for each in self._files if each.span]
         self.start_time = min((start for start, _ in spans), default=0)
         self.end_time = max((end + 1 for _, end in spans), default=0)
-        self.custom_data = custom_data_in(information)
+        self.custom_data = metadata.custom_data_in(information)
 
     def _messages(
         self, wanted: Mapping[tuple[str, str, str], StoredTopic], *span: int | None
@@ -139,15 +126,13 @@ class BagReader:
     ) -> Iterator[_Received]:
         for number, _, stamp, _, data in file.messages(topics, *span):
             if self._mode == 'message':
-                data = decompressed_message(data, self._limits.max_unpacked)
+                data = guards.decompressed_message(data, self._limits.max_unpacked)
             yield topics[number], stamp, data
 
     def _decompressed(self, files: list[Path]) -> Iterator[Path]:
         folder = self._stack.enter_context(TemporaryDirectory(prefix='bag_'))
         for file in files:
-            plain = Path(folder, file.stem)
-            with open_file(file) as packed:
-                damage = decompress_file(packed, plain, self._limits)
+            plain, damage = guards.decompress_file(file, folder, self._limits)
             if damage:
                 raise ValueError(f'{file.name}: {damage}')
             yield plain
@@ -179,7 +164,7 @@ def _file_in(folder: Path, name: str) -> Path:
     path = folder / PurePath(name).name
     if not path.exists():
         raise ValueError(f'its file {path.name!r} is missing.')
-    regular_file(path, folder)
+    guards.regular_file(path, folder)
     return path
 
 
@@ -193,14 +178,13 @@ def _completed(topic: StoredTopic, number: int, listed: Mapping[str, Any]) -> St
 
 def _checked_metadata(path: Path) -> tuple[Mapping[str, Any], list[str], str]:
     try:
-        information = load_metadata(path)
+        information = metadata.load_metadata(path)
     except ValueError as error:
-        raise ValueError(f'{METADATA_FILE}: {error}') from error
+        raise ValueError(f'{metadata.METADATA_FILE}: {error}') from error
     version, names = information.get('version'), information.get('relative_file_paths')
-    if not isinstance(version, int) or not 1 <= version <= METADATA_VERSION:
-        raise ValueError(
-            f'metadata.yaml has version {version!r}; versions 1 to {METADATA_VERSION} can be read.'
-        )
+    if not isinstance(version, int) or not 1 <= version <= metadata.METADATA_VERSION:
+        known = f'versions 1 to {metadata.METADATA_VERSION}'
+        raise ValueError(f'metadata.yaml has version {version!r}; {known} can be read.')
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
         raise ValueError('metadata.yaml lists no files.')
     if len(names) > _MOST_FILES:

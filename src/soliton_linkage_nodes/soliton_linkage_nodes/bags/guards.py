@@ -28,10 +28,7 @@ a chain at rest decompress to 10 times their size."""
 
 @dataclass(frozen=True)
 class BagLimits:
-    """Size limits of a bag.
-
-    Readers reject a bag that exceeds a limit. Recovery omits the data above the limit.
-    """
+    """Size limits: readers reject a bag above a limit, and recovery omits the data above it."""
 
     max_unpacked: int = quantity(
         64 * _MEBIBYTE, 'largest decompressed size of a message or chunk', 'B', 1024, 2**31
@@ -53,28 +50,23 @@ DEFAULT_LIMITS = BagLimits()
 PACKED = '.zstd'
 
 
-def decompress_file(packed: BinaryIO, plain: Path, limits: BagLimits) -> str | None:
-    """Decompress a zstd file into the file `plain`, up to the first damage or to the size limit.
+def decompress_file(packed: Path, folder: str, limits: BagLimits) -> tuple[Path, str | None]:
+    """Decompress a zstd file into a folder, up to the first damage or to the size limit.
 
-    Returns a text about the damage or the exceeded limit, or None.
+    Returns the path of the new file, and a text about the damage or the exceeded limit, or None.
     """
-    size = packed.seek(0, 2)
-    most = limits.for_file(size)
-    if not size:
-        return 'its compressed data is truncated'
-    with (
-        mmap.mmap(packed.fileno(), 0, access=mmap.ACCESS_READ) as data,
-        memoryview(data) as view,
-        plain.open('wb') as out,
-    ):
+    plain, data = Path(folder, packed.stem), map_file(packed)
+    most = limits.for_file(len(data))
+    with plain.open('wb') as out:
         try:
-            for block in decompressed_blocks(view, 'zstd', whole=True):
+            for block in decompressed_blocks(data, 'zstd', whole=True):
                 if out.tell() + len(block) > most:
-                    return f'its content exceeds max_unpacked_file = {most} bytes: truncated there'
+                    limit = f'max_unpacked_file = {most} bytes'
+                    return plain, f'its content exceeds {limit}: truncated there'
                 out.write(block)
         except ValueError as error:
-            return str(error)
-    return None
+            return plain, str(error)
+    return plain, None
 
 
 ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
@@ -111,10 +103,7 @@ def decompressed_blocks(
 
 
 def decompress_prefix(packed: bytes | bytearray | memoryview, codec: str, most: int) -> bytearray:
-    """Return the data decompressed by `codec`, up to the first damage.
-
-    At most `most` + 1 bytes are returned, so that the caller can detect larger contents.
-    """
+    """Return the data up to the first damage, cut to `most` + 1 bytes to show an excess."""
     out = bytearray()
     try:
         for block in decompressed_blocks(packed, codec):
@@ -208,11 +197,7 @@ _JSON_TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|[\[{]|[\]}]', re.DOTALL)
 
 
 def load_yaml(text: str) -> Any:
-    """Parse a YAML text.
-
-    Raises ValueError if it is invalid, too long, too deeply nested, or has aliases or long
-    numbers.
-    """
+    """Parse YAML; ValueError if invalid, too long or deep, or with aliases or long numbers."""
     _check_size(text)
     try:
         depth = 0

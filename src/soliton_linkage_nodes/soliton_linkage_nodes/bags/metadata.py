@@ -14,14 +14,7 @@ from typing import Any, Final
 
 import yaml
 
-from soliton_linkage_nodes.bags.guards import (
-    MAX_TEXT_SIZE,
-    PACKED,
-    load_json,
-    load_yaml,
-    parse_count,
-    read_file,
-)
+from soliton_linkage_nodes.bags import guards
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic, profiles_in
 
 MCAP: Final = 'mcap'
@@ -49,7 +42,7 @@ class StoredFile:
 
 def storage_of(path: Path) -> str | None:
     """Return the storage format of a (compressed) file, None if its suffix is unknown."""
-    plain = Path(path.stem) if path.suffix == PACKED else path
+    plain = Path(path.stem) if path.suffix == guards.PACKED else path
     return next((name for name, suffix in SUFFIXES.items() if suffix == plain.suffix), None)
 
 
@@ -129,8 +122,8 @@ def write_metadata(folder: Path, information: Mapping[str, Any]) -> None:
 
 def load_metadata(folder: Path) -> dict[str, Any]:
     """Return the content of metadata.yaml; ValueError if it is invalid."""
-    content = read_file(folder / METADATA_FILE, folder, MAX_TEXT_SIZE)
-    loaded = load_yaml(content.decode())
+    content = guards.read_file(folder / METADATA_FILE, folder, guards.MAX_TEXT_SIZE)
+    loaded = guards.load_yaml(content.decode())
     information = loaded.get(_KEY) if isinstance(loaded, dict) else None
     if not isinstance(information, dict):
         raise ValueError(f'it has no mapping {_KEY}')
@@ -148,7 +141,7 @@ def read_metadata(folder: Path) -> dict[str, Any] | None:
 def custom_data_of(metadata: str) -> dict[str, str]:
     """Return the custom data in a YAML text of metadata, {} if the text is invalid."""
     try:
-        return custom_data_in(load_yaml(metadata))
+        return custom_data_in(guards.load_yaml(metadata))
     except ValueError:
         return {}
 
@@ -163,8 +156,8 @@ def custom_data_in(information: object) -> dict[str, str]:
 def gaps_in(custom_data: Mapping[str, str]) -> list[tuple[int, int]]:
     """Return start and end [ns] of each interval without recording, [] if the list is invalid."""
     try:
-        gaps = load_json(custom_data.get(GAPS, '[]'))
-        return [(parse_count(start), parse_count(end)) for start, end in gaps]
+        gaps = guards.load_json(custom_data.get(GAPS, '[]'))
+        return [(guards.parse_count(start), guards.parse_count(end)) for start, end in gaps]
     except (TypeError, ValueError):
         return []
 
@@ -203,7 +196,8 @@ def _profiles_text(profiles: str, margin: str) -> str:
 def _quoted(text: str) -> str:
     if text.isascii() and text.isprintable():
         return json.dumps(text)
-    return str(yaml.dump(text, Dumper=_DUMPER, default_style='"', width=MAX_TEXT_SIZE)).strip()
+    width = guards.MAX_TEXT_SIZE
+    return str(yaml.dump(text, Dumper=_DUMPER, default_style='"', width=width)).strip()
 
 
 def _dumped(value: object) -> str:

@@ -174,7 +174,7 @@ class BagRecorder(ManagedNode):
         return Reply(f'recording again, with {latched} latched messages of the pause')
 
     def _split(self) -> Reply:
-        self._bag.split()
+        self._bag.post(self._bag.writer.split)
         return Reply('the bag continues in a new file')
 
     def _snapshot(self) -> Reply:

@@ -12,27 +12,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from soliton_linkage_nodes.bags import guards, metadata
 from soliton_linkage_nodes.bags.bag_files import topics_in
-from soliton_linkage_nodes.bags.guards import (
-    DEFAULT_LIMITS,
-    PACKED,
-    BagLimits,
-    decompress_file,
-    decompressed_message,
-    open_file,
-    parse_count,
-    regular_file,
-)
-from soliton_linkage_nodes.bags.metadata import (
-    MCAP,
-    METADATA_FILE,
-    SUFFIXES,
-    StoredFile,
-    custom_data_in,
-    explain_no_bag,
-    load_metadata,
-    storage_of,
-)
+from soliton_linkage_nodes.bags.guards import DEFAULT_LIMITS, BagLimits
+from soliton_linkage_nodes.bags.metadata import MCAP, METADATA_FILE, storage_of
 from soliton_linkage_nodes.bags.record.bag_writer import BagWriter, UnfinishedBag
 from soliton_linkage_nodes.bags.storages.mcap_recovery import RecoveredMcap
 from soliton_linkage_nodes.bags.storages.sqlite_files import RecoveredSqlite
@@ -134,7 +117,7 @@ class _BagScan:
         self._taken = 0
         information, error = _metadata_of(path)
         types = dict(topics_in(information or {}))
-        self._expected = parse_count((information or {}).get('message_count'))
+        self._expected = guards.parse_count((information or {}).get('message_count'))
         for file in files:
             with _opened(file, doubtful, limits) as recovered:
                 found = recovered.topics.items()
@@ -173,7 +156,7 @@ class _BagScan:
                 nameless += 1
                 continue
             try:
-                plain = decompressed_message(data, self._limits.max_unpacked)
+                plain = guards.decompressed_message(data, self._limits.max_unpacked)
             except ValueError as error:
                 damaged, why = damaged + 1, error
                 continue
@@ -201,7 +184,7 @@ def _metadata_of(path: Path) -> tuple[Mapping[str, Any] | None, list[str]]:
     if not (path / METADATA_FILE).exists():
         return None, [f'{METADATA_FILE} is missing or cannot be read']
     try:
-        return load_metadata(path), []
+        return metadata.load_metadata(path), []
     except (OSError, ValueError) as error:
         return None, [f'{METADATA_FILE} cannot be read: {" ".join(str(error).split())}']
 
@@ -209,9 +192,9 @@ def _metadata_of(path: Path) -> tuple[Mapping[str, Any] | None, list[str]]:
 def _compare(report: BagReport, information: Mapping[str, Any] | None) -> None:
     if information is None:
         return
-    report.custom_data.update(custom_data_in(information))
+    report.custom_data.update(metadata.custom_data_in(information))
     report.distribution = str(information.get('ros_distro') or '')
-    stated = parse_count(information.get('message_count'))
+    stated = guards.parse_count(information.get('message_count'))
     missing = stated - report.messages - report.lost
     listed = information.get('relative_file_paths')
     held = {file.name for file in report.files}
@@ -229,7 +212,7 @@ def _deleted_older(report: BagReport, information: Mapping[str, Any]) -> bool:
     """Return whether the recorder deleted old files whose messages metadata.yaml still counts."""
     entries = information.get('files')
     described = [each for each in entries if isinstance(each, dict)] if entries else []
-    counts = sum(parse_count(each.get('message_count')) for each in described)
+    counts = sum(guards.parse_count(each.get('message_count')) for each in described)
     first = min((_position(file)[0] for file in report.files), default=0)
     return first > 0 and counts == report.messages and len(described) == len(report.files)
 
@@ -241,14 +224,14 @@ def _typed(topic: StoredTopic, types: Mapping[str, str]) -> StoredTopic:
 
 
 def _files_of(path: Path) -> tuple[list[Path], list[str]]:
-    if complaint := explain_no_bag(path):
+    if complaint := metadata.explain_no_bag(path):
         raise ValueError(complaint)
     folder = path if path.is_dir() else None
     files, rejected = [], []
     for file in sorted(path.iterdir()) if folder else [path]:
         if storage_of(file):
             try:
-                regular_file(file, folder)
+                guards.regular_file(file, folder)
                 files.append(file)
             except (OSError, ValueError) as error:
                 rejected.append(f'{file.name}: {error}')
@@ -266,13 +249,11 @@ def _position(file: Path) -> tuple[int, str]:
 @contextmanager
 def _opened(file: Path, doubtful: bool, limits: BagLimits) -> Iterator[RecoveredFile]:
     storage = storage_of(file) or ''
-    if file.suffix != PACKED:
+    if file.suffix != guards.PACKED:
         yield recovered_file(file, storage, doubtful, limits)
         return
     with TemporaryDirectory(prefix='recover_bag_') as folder:
-        plain = Path(folder, file.stem)
-        with open_file(file) as packed:
-            damage = decompress_file(packed, plain, limits)
+        plain, damage = guards.decompress_file(file, folder, limits)
         recovered = recovered_file(plain, storage, doubtful, limits)
         recovered.damage[:0] = [damage] if damage else []
         yield recovered
@@ -295,8 +276,8 @@ def take_over(bag: Path) -> UnfinishedBag | None:
             report, whole = recover_bag(bag, Path(folder, 'whole'))
             if report.storage != MCAP:
                 return None
-            (recovered,) = whole.glob(f'*{SUFFIXES[MCAP]}')
-            first = bag / f'{bag.name}_0{SUFFIXES[MCAP]}'
+            (recovered,) = whole.glob(f'*{metadata.SUFFIXES[MCAP]}')
+            first = bag / f'{bag.name}_0{metadata.SUFFIXES[MCAP]}'
             recovered.replace(first)
     except ValueError:
         return None
@@ -304,5 +285,5 @@ def take_over(bag: Path) -> UnfinishedBag | None:
         if file != first:
             file.unlink()
     begun = report.end if report.start is None else report.start
-    stored = StoredFile(first.name, report.messages, begun, report.end)
+    stored = metadata.StoredFile(first.name, report.messages, begun, report.end)
     return UnfinishedBag(bag, stored, report.counts, report.custom_data)

@@ -12,13 +12,7 @@ from typing import Any
 
 import yaml
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
-from rclpy.qos import (
-    DurabilityPolicy,
-    HistoryPolicy,
-    LivelinessPolicy,
-    QoSProfile,
-    ReliabilityPolicy,
-)
+from rclpy.qos import LivelinessPolicy, QoSProfile
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
@@ -201,15 +195,12 @@ def _nested_types(field: Any) -> list[str]:
 
 
 def _profile(qos: QoSProfile) -> dict[str, Any]:
-    histories = {HistoryPolicy.KEEP_ALL: 'keep_all', HistoryPolicy.UNKNOWN: 'unknown'}
-    reliable = qos.reliability == ReliabilityPolicy.RELIABLE
-    transient = qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
     by_topic = qos.liveliness == LivelinessPolicy.MANUAL_BY_TOPIC
     return {
-        'history': histories.get(qos.history, 'keep_last'),
+        'history': qos.history.short_key,
         'depth': qos.depth,
-        'reliability': 'reliable' if reliable else 'best_effort',
-        'durability': 'transient_local' if transient else 'volatile',
+        'reliability': qos.reliability.short_key,
+        'durability': qos.durability.short_key,
         'deadline': dict(_UNLIMITED),
         'lifespan': dict(_UNLIMITED),
         'liveliness': 'manual_by_topic' if by_topic else 'automatic',

@@ -25,8 +25,7 @@ _STATUS = {
 def main(arguments: list[str]) -> int:
     """Run the verb of the command line and return its exit code."""
     verbs = Verbs('action', __doc__)
-    listing = verbs.add('list', _list, 'print the names of all actions')
-    listing.add_argument('-t', '--show-types', action='store_true', help='also print the types')
+    verbs.add_list(get_action_names_and_types, 'print the names of all actions')
     summary = 'send a goal and print its result; Ctrl-C cancels it'
     send = verbs.add('send_goal', _send_goal, summary)
     send.add_argument('action')
@@ -36,11 +35,6 @@ def main(arguments: list[str]) -> int:
     )
     send.add_argument('-f', '--feedback', action='store_true', help='also print the feedback')
     return verbs.run(arguments)
-
-
-def _list(visitor: Visitor, options: argparse.Namespace) -> None:
-    for name, types in sorted(visitor.settled(lambda: get_action_names_and_types(visitor.node))):
-        print(f'{name} [{", ".join(types)}]' if options.show_types else name)
 
 
 def _send_goal(visitor: Visitor, options: argparse.Namespace) -> int:

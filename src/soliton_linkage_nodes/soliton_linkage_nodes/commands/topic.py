@@ -8,8 +8,8 @@ import time
 from itertools import count, pairwise
 from typing import Any
 
+from rclpy.node import Node
 from rclpy.qos import QoSProfile
-from rclpy.topic_or_service_is_hidden import topic_or_service_is_hidden
 
 from soliton_linkage_nodes.commands.visitor import Verbs, Visitor
 from soliton_linkage_nodes.messages.fields import interface_type, read, to_yaml
@@ -25,8 +25,8 @@ _LINGER = 0.1
 def main(arguments: list[str]) -> int:
     """Run the verb of the command line and return its exit code."""
     verbs = Verbs('topic', __doc__)
-    listing = verbs.add('list', _list, 'print the names of all topics that are not hidden')
-    listing.add_argument('-t', '--show-types', action='store_true', help='also print the types')
+    names = Node.get_topic_names_and_types
+    verbs.add_list(names, 'print the names of all topics that are not hidden')
     info = verbs.add('info', _info, 'print the type of a topic and its numbers of endpoints')
     info.add_argument('topic')
     info.add_argument('-v', '--verbose', action='store_true', help='also print each endpoint')
@@ -60,12 +60,6 @@ def _positive(text: str) -> float:
     if not value > 0:
         raise argparse.ArgumentTypeError(f'{text} must be above 0')
     return value
-
-
-def _list(visitor: Visitor, options: argparse.Namespace) -> None:
-    for name, types in sorted(visitor.settled(visitor.node.get_topic_names_and_types)):
-        if not topic_or_service_is_hidden(name):
-            print(f'{name} [{", ".join(types)}]' if options.show_types else name)
 
 
 def _info(visitor: Visitor, options: argparse.Namespace) -> None:

@@ -13,7 +13,9 @@ from typing import Any, TypeVar
 
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from rclpy.topic_or_service_is_hidden import topic_or_service_is_hidden
 
 from soliton_linkage.command_line import PlainParser, complete
 from soliton_linkage_nodes.runtime.guarded import SERVICE_QOS
@@ -119,10 +121,7 @@ class Visitor:
         return future.result()
 
     def call_node(self, node: str, service_type: Any, **request: Any) -> Any:
-        """Call a standard service of a node, such as GetState, and return its response.
-
-        Raises RuntimeError if there is no response in time.
-        """
+        """Call a standard service of a node, such as GetState; RuntimeError without a response."""
         name = re.sub(r'(?<!^)(?=[A-Z])', '_', service_type.__name__).lower()
         try:
             return self.call(
@@ -175,6 +174,20 @@ class Verbs:
             '--timeout', type=float, default=_FOUND_WITHIN, metavar=limit, help=text
         )
         return parser
+
+    def add_list(self, query: Callable[[Node], NamesAndTypes], summary: str) -> None:
+        """Add the verb `list`, which prints the names in `query(node)` that are not hidden."""
+
+        def show(visitor: Visitor, options: argparse.Namespace) -> None:
+            for name, types in sorted(visitor.settled(lambda: query(visitor.node))):
+                own = name.startswith(f'/{visitor.node.get_name()}/')
+                if not (own or topic_or_service_is_hidden(name)):
+                    print(f'{name} [{", ".join(types)}]' if options.show_types else name)
+
+        listing = self.add('list', show, summary)
+        listing.add_argument(
+            '-t', '--show-types', action='store_true', help='also print the types'
+        )
 
     def run(self, arguments: list[str]) -> int:
         """Parse the arguments, run the verb with a temporary node, and return the exit code."""

@@ -20,17 +20,8 @@ from sensor_msgs.msg import JointState
 
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage_msgs.msg import RotorImpulses
-from soliton_linkage_nodes.messages.conversions import (
-    Frame,
-    JointStates,
-    NamedChain,
-    frame_to_msg,
-    impulses_from_msg,
-    impulses_to_msg,
-    joint_states_from_msg,
-    torques_from_msg,
-    torques_to_msg,
-)
+from soliton_linkage_nodes.messages import conversions
+from soliton_linkage_nodes.messages.conversions import Frame, JointStates, NamedChain
 from soliton_linkage_nodes.runtime.serialization import serialize
 from soliton_linkage_nodes.runtime.stamps import SECOND
 
@@ -114,7 +105,7 @@ class JointStateDecoder:
             message = deserialize_message(serialized, JointState)
         except Exception as error:  # a private error type of rclpy
             raise _damaged('joint_states', serialized, 'sensor_msgs/JointState', error) from error
-        joints = joint_states_from_msg(message)
+        joints = conversions.joint_states_from_msg(message)
         self._layout = Layout(joints.frame_id, joints.name)
         return joints
 
@@ -175,14 +166,14 @@ class ImpulseDecoder(_RotorDecoder):
     """Decoder of rotor_impulses messages, which contain angular impulses [N m s]."""
 
     _type, _topic, _arrays = RotorImpulses, 'rotor_impulses', 1
-    _from_msg = staticmethod(impulses_from_msg)
+    _from_msg = staticmethod(conversions.impulses_from_msg)
 
 
 class TorqueDecoder(_RotorDecoder):
     """Decoder of rotor_torques messages: joint states whose efforts are torques [N m]."""
 
     _type, _topic, _arrays = JointState, 'rotor_torques', 3
-    _from_msg = staticmethod(torques_from_msg)
+    _from_msg = staticmethod(conversions.torques_from_msg)
 
 
 def _damaged(topic: str, serialized: bytes, type_name: str, error: Exception) -> ValueError:
@@ -218,21 +209,24 @@ class JointStateBuffer(_MessageBuffer):
 
     def __init__(self, named: NamedChain) -> None:
         zeros = np.zeros(len(named.joint_names))
-        super().__init__(frame_to_msg(named, Frame(zeros, zeros), zeros, Time()), arrays=3)
+        message = conversions.frame_to_msg(named, Frame(zeros, zeros), zeros, Time())
+        super().__init__(message, arrays=3)
 
 
 class ImpulseBuffer(_MessageBuffer):
     """Buffer for a message with the angular impulses of all rotors [N m s]."""
 
     def __init__(self, named: NamedChain) -> None:
-        super().__init__(impulses_to_msg(named, np.zeros(named.rotors), Time()), arrays=1)
+        message = conversions.impulses_to_msg(named, np.zeros(named.rotors), Time())
+        super().__init__(message, arrays=1)
 
 
 class TorqueBuffer(_MessageBuffer):
     """Buffer for joint states whose efforts are the torques on all rotors [N m]."""
 
     def __init__(self, named: NamedChain) -> None:
-        super().__init__(torques_to_msg(named, np.zeros(named.rotors), Time()), arrays=3)
+        message = conversions.torques_to_msg(named, np.zeros(named.rotors), Time())
+        super().__init__(message, arrays=3)
 
 
 def read_stamp(serialized: bytes) -> int:

@@ -166,10 +166,7 @@ class ChainSource:
 def with_joints(
     named: NamedChain, joints: tuple[str, ...], source: str = 'parameter joint_names'
 ) -> NamedChain:
-    """Return the chain with the names `joints`, or unchanged if `joints` is empty.
-
-    Raises ValueError, whose text calls the names `source`, if their number is wrong.
-    """
+    """Return the chain with `joints`, if any; ValueError about `source` for a wrong number."""
     if joints and len(joints) != named.rotors:
         raise ValueError(
             f'{source} has {len(joints)} names for {named.rotors} rotors; give one name for each '

@@ -10,13 +10,8 @@ import numpy as np
 from soliton_linkage.identification.mounting import in_degrees
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.quantities import LARGEST_ANGLE
-from soliton_linkage_nodes.messages.conversions import (
-    Frame,
-    JointStates,
-    check_length,
-    check_names,
-    without_offsets,
-)
+from soliton_linkage_nodes.messages import conversions
+from soliton_linkage_nodes.messages.conversions import Frame, JointStates
 from soliton_linkage_nodes.runtime.stamps import SECOND
 
 
@@ -39,17 +34,17 @@ class FrameReader:
         Missing values, and values with an absolute value above 1e9, are NaN.
         """
         _, _, _, name, position, velocity = joints
-        check_length('joint_states.position', name, position)
+        conversions.check_length('joint_states.position', name, position)
         if name is not self._names and name != self._names:
             self._set_names(name)
-        angles = without_offsets(self._ordered(position), self._offsets)
+        angles = conversions.without_offsets(self._ordered(position), self._offsets)
         if not len(velocity):
             return Frame(angles, None)
-        check_length('joint_states.velocity', name, velocity)
+        conversions.check_length('joint_states.velocity', name, velocity)
         return Frame(angles, self._ordered(velocity))
 
     def _set_names(self, names: tuple[str, ...]) -> None:
-        check_names('joint_states.name', names)
+        conversions.check_names('joint_states.name', names)
         known = [(joint, self._rotors[n]) for joint, n in enumerate(names) if n in self._rotors]
         if not known:
             first = next(iter(self._rotors))

@@ -83,6 +83,11 @@ class NodeReport:
     message: str
     figures: Mapping[str, str]
 
+    @property
+    def ok(self) -> bool:
+        """Whether the report is no warning or error."""
+        return self.level == 0
+
 
 @dataclass(frozen=True)
 class AdjustableParameter:

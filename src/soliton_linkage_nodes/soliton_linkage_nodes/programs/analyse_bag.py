@@ -44,14 +44,8 @@ from soliton_linkage_nodes.messages.state_conversions import (
     event_rows,
     row,
 )
+from soliton_linkage_nodes.programs import command_line
 from soliton_linkage_nodes.programs.bag_analysis import analyse_frames, read_chain
-from soliton_linkage_nodes.programs.command_line import (
-    add_bags,
-    add_limits,
-    add_output,
-    exit_on_failure,
-    limits_of,
-)
 from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 from soliton_linkage_nodes.runtime.stamps import SECOND
 from soliton_linkage_studies.pictures import save_run
@@ -108,10 +102,7 @@ class BagBatch:
 
 
 def summary(states: Iterable[dict[str, str]]) -> list[str]:
-    """Return the cells `motion` to `mean noise` in the row of a bag.
-
-    `states` are the rows of soliton_state.csv.
-    """
+    """Return the cells `motion` to `mean noise` of a bag, from its rows in soliton_state.csv."""
     motions: Counter[str] = Counter()
     stamps: list[int] = []
     tracked = seen = 0
@@ -278,10 +269,7 @@ def _report_absent(bag: Path, analysed: JointStateAnalysis, fatal: bool) -> None
 def check_override(
     bag: Path, given: NamedChain, override: bool, limits: BagLimits = DEFAULT_LIMITS
 ) -> None:
-    """Raise ValueError if the chain `given` differs from the chain in a bag.
-
-    With `override`, the differences are printed instead.
-    """
+    """Compare the chain `given` with the chain in a bag; ValueError unless equal or `override`."""
     with open_bag(bag, limits) as reader:
         try:
             own = read_chain(reader)
@@ -300,10 +288,10 @@ def check_override(
 def main(arguments: Sequence[str] | None = None) -> None:
     """Analyse bags; exit with 1 after a failure, 130 after Ctrl-C."""
     options = _parser().parse(arguments)
-    with exit_on_failure('analyse_bag'):
+    with command_line.exit_on_failure('analyse_bag'):
         try:
             interrupt_on_signals()
-            limits = limits_of(options)
+            limits = command_line.limits_of(options)
             given = chain_of_file(options.chain) if options.chain else None
             if given is not None:
                 for bag in options.bags:
@@ -323,7 +311,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def _within(options: argparse.Namespace) -> Callable[..., int]:
     return partial(
         analyse,
-        limits=limits_of(options),
+        limits=command_line.limits_of(options),
         log_time=options.stamps == 'log',
         missing_joints=options.missing_joints,
         html=options.html,
@@ -332,8 +320,8 @@ def _within(options: argparse.Namespace) -> Callable[..., int]:
 
 def _parser() -> PlainParser:
     parser = PlainParser(prog='analyse_bag', description=__doc__)
-    add_bags(parser)
-    add_output(
+    command_line.add_bags(parser)
+    command_line.add_output(
         parser,
         'out/analysis',
         'folder for soliton_state.csv, soliton_events.csv, kymograph.png and track.png; for '
@@ -361,7 +349,7 @@ def _parser() -> PlainParser:
     )
     missing = 'allow joints of --chain that have no angle in the bag'
     parser.add_argument('--missing-joints', action='store_true', help=missing)
-    add_limits(parser)
+    command_line.add_limits(parser)
     where = parser.add_mutually_exclusive_group()
     count = 'number of parallel processes for several bags (one for each core)'
     where.add_argument('--workers', type=process_count, default=os.cpu_count() or 1, help=count)

@@ -98,10 +98,7 @@ def _decoder(topic: StoredTopic) -> Callable[[bytes], JointStates]:
 
 
 def read_chain(reader: BagReader, remedy: str = _RECORD_CHAIN) -> NamedChain:
-    """Return the last chain in a bag.
-
-    Raises ValueError if the bag has no chain. `remedy` is advice for the end of the error message.
-    """
+    """Return the last chain in a bag; ValueError, which ends with `remedy`, if there is none."""
     chains = [message for _, message in read_topic(reader, 'chain', remedy)]
     if not chains:
         raise ValueError(f'bag {str(reader.path)!r} has no message on the topic chain; {remedy}')

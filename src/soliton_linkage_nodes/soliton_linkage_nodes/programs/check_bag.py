@@ -19,12 +19,7 @@ from soliton_linkage.command_line import PlainParser
 from soliton_linkage_nodes.bags.guards import load_json, parse_count
 from soliton_linkage_nodes.bags.metadata import gaps_in, time_in_gaps
 from soliton_linkage_nodes.bags.recovery import BagReport, check_bag
-from soliton_linkage_nodes.programs.command_line import (
-    add_limits,
-    exit_on_failure,
-    limits_of,
-    message_progress,
-)
+from soliton_linkage_nodes.programs import command_line
 from soliton_linkage_nodes.runtime.stamps import SECOND
 
 _DAMAGE = 'damage'
@@ -45,11 +40,11 @@ def main() -> None:
     )
     parser.add_argument('bag', type=Path, help='directory of the bag, or one file of it')
     parser.add_argument('--json', action='store_true', help='print the report as JSON')
-    add_limits(parser)
+    command_line.add_limits(parser)
     options = parser.parse()
-    progress, show = message_progress(f'checking {options.bag}')
-    with exit_on_failure('check_bag'):
-        report = check_bag(options.bag, show, limits_of(options))
+    progress, show = command_line.message_progress(f'checking {options.bag}')
+    with command_line.exit_on_failure('check_bag'):
+        report = check_bag(options.bag, show, command_line.limits_of(options))
     progress.clear()
     if options.json:
         print(json.dumps(_as_json(report), indent=2))

@@ -112,10 +112,7 @@ def ros_client(program: str) -> Iterator[threading.Event]:
 
 
 def message_progress(title: str) -> tuple[ProgressLine, Callable[[int, int], None]]:
-    """Return a progress line, and a function that updates it.
-
-    The function is called with the number of processed and the number of expected messages.
-    """
+    """Return a progress line, and its update for numbers of processed and expected messages."""
     progress, begun = ProgressLine(title, 0), time.monotonic()
 
     def show(done: int, expected: int) -> None:

@@ -32,7 +32,6 @@ from soliton_linkage.vision.video import (
 )
 from soliton_linkage_nodes.bags.reading import type_name
 from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
-from soliton_linkage_nodes.bags.stored_topic import StoredTopic
 from soliton_linkage_nodes.messages.camera_measurement import (
     CameraMeasurement,
     CameraParameters,
@@ -55,6 +54,10 @@ from soliton_linkage_nodes.start import INTERRUPTED
 
 _OVERLAY_QUALITY = 23
 """Constant rate factor of the H.264 encoder [1], the default of x264."""
+
+
+_CHAIN, _ANGLES = interfaces.CHAIN, interfaces.JOINT_STATES
+_DEVIATIONS = interfaces.JOINT_STATE_DEVIATIONS
 
 
 class FilmSummary(NamedTuple):
@@ -87,11 +90,18 @@ def film_to_bag(
     the film is damaged or `stopping` is set, the bag contains the angles that were measured until
     then. Raises ValueError if no angles were measured.
     """
-    bag = _AngleBag(output, named)
+    bag = BagWriter(output)
+    topics = {
+        each.name: bag.add_topic(f'/{each.name}', type_name(each.type), each.qos)
+        for each in (_CHAIN, _DEVIATIONS, _ANGLES)
+    }
     seen: list[tuple[float, float]] = []
     last, ended_by = 'the film has no pictures', ''
     failure: ValueError | None = None
     progress = ProgressLine('measuring', video.frames)
+
+    def put(topic: interfaces.Topic, stamp: int, message: Any) -> None:
+        bag.write(topics[topic.name], stamp, serialize(message))
 
     def measured() -> Iterator[tuple[TimedPicture, CameraReading]]:
         nonlocal last, ended_by, failure
@@ -105,7 +115,10 @@ def film_to_bag(
                 last = describe_reading(measurement, shown)
                 progress.show(count, f'{count} pictures, {last}')
                 if shown.frame.seen:
-                    bag.write(shown)
+                    if not seen:
+                        put(_CHAIN, shown.stamp, chain_to_msg(named, time_to_msg(shown.stamp)))
+                    put(_DEVIATIONS, shown.stamp, deviations_to_msg(named, shown))
+                    put(_ANGLES, shown.stamp, angles_to_msg(named, shown))
                     share = shown.frame.seen / named.rotors
                     seen.append((share, median_deviation(shown.frame)))
                 yield taken, shown
@@ -120,7 +133,8 @@ def film_to_bag(
             write_video(overlay, _drawn(measured(), named), _OVERLAY_QUALITY)
     finally:
         progress.clear()
-        bag.close(ended_by)
+        bag.close({'ended_by': ended_by} if ended_by else {})
+        bag.remove_if_empty()
     if not seen:
         raise failure or ValueError(f'no angle was measured: {last}')
     share, deviation = np.mean([each for each, _ in seen]), np.median([each for _, each in seen])
@@ -140,37 +154,6 @@ def _drawn(
             walls = walls_on_overlay(analysis.solitons, named.chain.spacing) if analysis else []
         drawn = draw_overlay(taken.picture, seen.frame, named.joint_names, walls)
         yield TimedPicture(taken.time, drawn)
-
-
-class _AngleBag:
-    """Bag with a chain and its angles, created when the first angles are written."""
-
-    def __init__(self, output: Path, named: NamedChain) -> None:
-        self.path = output
-        self._named = named
-        self._writer: BagWriter | None = None
-        self._topics: dict[str, StoredTopic] = {}
-
-    def write(self, seen: CameraReading) -> None:
-        if self._writer is None:
-            self._writer = BagWriter(self.path)
-            self.path = self._writer.path
-            chain = chain_to_msg(self._named, time_to_msg(seen.stamp))
-            self._put(interfaces.CHAIN, seen.stamp, chain)
-        deviations = deviations_to_msg(self._named, seen)
-        self._put(interfaces.JOINT_STATE_DEVIATIONS, seen.stamp, deviations)
-        self._put(interfaces.JOINT_STATES, seen.stamp, angles_to_msg(self._named, seen))
-
-    def close(self, ended_by: str) -> None:
-        if self._writer is not None:
-            self._writer.close({'ended_by': ended_by} if ended_by else {})
-
-    def _put(self, topic: interfaces.Topic, stamp: int, message: Any) -> None:
-        assert self._writer is not None
-        if topic.name not in self._topics:
-            stored = self._writer.add_topic(f'/{topic.name}', type_name(topic.type), topic.qos)
-            self._topics[topic.name] = stored
-        self._writer.write(self._topics[topic.name], stamp, serialize(message))
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

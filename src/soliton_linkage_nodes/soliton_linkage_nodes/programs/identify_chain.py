@@ -36,15 +36,8 @@ from soliton_linkage_nodes.chain_identifier.parameter_file import write_paramete
 from soliton_linkage_nodes.messages.chain_source import chain_of_file
 from soliton_linkage_nodes.messages.conversions import NamedChain, joint_states_from_msg
 from soliton_linkage_nodes.messages.frame_reader import EncoderMonitor
+from soliton_linkage_nodes.programs import command_line
 from soliton_linkage_nodes.programs.bag_analysis import read_chain
-from soliton_linkage_nodes.programs.command_line import (
-    add_bags,
-    add_limits,
-    add_output,
-    exit_on_failure,
-    limits_of,
-    number,
-)
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 from soliton_linkage_nodes.runtime.stamps import SECOND
@@ -117,7 +110,7 @@ def identify_bags(
 def main(arguments: Sequence[str] | None = None) -> None:
     """Identify the chain in the bags; exit with 1 after a failure, 130 after Ctrl-C."""
     options = _parser().parse(arguments)
-    with exit_on_failure('identify_chain'):
+    with command_line.exit_on_failure('identify_chain'):
         interrupt_on_signals()
         given = chain_of_file(options.chain) if options.chain else None
         assumptions = IdentificationOptions(
@@ -127,7 +120,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             options.gravity,
             tuple(options.tilt),
         )
-        limits = limits_of(options)
+        limits = command_line.limits_of(options)
         print(summary(identify_bags(options.bags, options.output, given, assumptions, limits)))
 
 
@@ -148,9 +141,9 @@ def _recorded_chain(reader: BagReader) -> NamedChain | None:
 
 def _parser() -> PlainParser:
     parser = PlainParser(prog='identify_chain', description=__doc__)
-    add_bags(parser)
+    command_line.add_bags(parser)
     text = 'folder for chain.yaml, lengths.csv and the report page'
-    add_output(parser, 'out/identification', text)
+    command_line.add_output(parser, 'out/identification', text)
     parser.add_argument(
         '--chain',
         type=Path,
@@ -160,28 +153,28 @@ def _parser() -> PlainParser:
     )
     _add_assumptions(parser)
     _add_span(parser)
-    add_limits(parser)
+    command_line.add_limits(parser)
     return parser
 
 
 def _add_assumptions(parser: PlainParser) -> None:
     parser.add_argument(
         '--spacing',
-        type=number(described_fields(Chain)['spacing']),
+        type=command_line.number(described_fields(Chain)['spacing']),
         metavar='METRES',
         help='mean distance of neighbouring pivots [m]; without it, gravity determines the scale',
     )
     fields = described_fields(Gravity)
     parser.add_argument(
         '--gravity',
-        type=number(fields['acceleration']),
+        type=command_line.number(fields['acceleration']),
         default=0.0,
         metavar='ACCELERATION',
         help='gravity in the plane of the chain [m/s^2], 9.81 for an upright chain (%(default)s)',
     )
     parser.add_argument(
         '--tilt',
-        type=number(fields['tilt']),
+        type=command_line.number(fields['tilt']),
         nargs='+',
         default=[],
         metavar='RADIANS',
@@ -190,7 +183,7 @@ def _add_assumptions(parser: PlainParser) -> None:
     )
     parser.add_argument(
         '--tolerance',
-        type=number(Quantity('tolerance', '', 1e-4, 1.0)),
+        type=command_line.number(Quantity('tolerance', '', 1e-4, 1.0)),
         metavar='FRACTION',
         help='relative standard deviation of the lengths of one kind [1] (estimated from the '
         'angles)',
@@ -201,14 +194,14 @@ def _add_span(parser: PlainParser) -> None:
     time = Quantity('time', 's', 0.0)
     parser.add_argument(
         '--begin',
-        type=number(time),
+        type=command_line.number(time),
         default=0.0,
         metavar='SECONDS',
         help='time of the first frame to use, for example after a kick by hand [s] (%(default)s)',
     )
     parser.add_argument(
         '--end',
-        type=number(time),
+        type=command_line.number(time),
         default=math.inf,
         metavar='SECONDS',
         help='time of the last frame to use [s] (%(default)s)',

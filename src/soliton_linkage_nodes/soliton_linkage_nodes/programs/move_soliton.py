@@ -15,18 +15,15 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.action import ActionClient
 
 from soliton_linkage.command_line import PlainParser
 from soliton_linkage.linkage.quantities import Quantity
 from soliton_linkage_msgs.action import MoveSoliton
+from soliton_linkage_nodes.messages.view_conversions import reports_from_msg
+from soliton_linkage_nodes.programs import command_line
 from soliton_linkage_nodes.programs.chain_line import LEGEND, ChainLine
-from soliton_linkage_nodes.programs.command_line import (
-    add_quantity,
-    parse_own_arguments,
-    ros_client,
-)
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.guarded import ACTION_QOS
 from soliton_linkage_nodes.runtime.process import WaitingNode
@@ -52,7 +49,7 @@ class MoveClient(WaitingNode):
         self._client = ActionClient(self, MoveSoliton, interfaces.MOVE_SOLITON, **ACTION_QOS)
         self._line = ChainLine(self)
         self._received_at = math.inf
-        self._steering = DiagnosticStatus()
+        self._is_ready = False
         interfaces.DIAGNOSTICS.subscribe(self, self._on_diagnostics)
 
     def move(self, rotor: float, speed: float, wait: float = _LONGEST_WAIT) -> MoveSoliton.Result:
@@ -67,7 +64,7 @@ class MoveClient(WaitingNode):
         absent = f'no node offers the action {interfaces.MOVE_SOLITON} after {wait:g} s; '
         self._until(self._client.server_is_ready, f'{absent}start soliton_steering first', wait)
         # Send the goal in any case, because a node that is not ready rejects it with a reason.
-        self.wait(self._ready, deadline - time.monotonic())
+        self.wait(lambda: self._is_ready, deadline - time.monotonic())
         if self.stopping.is_set():
             raise KeyboardInterrupt
         goal = MoveSoliton.Goal(rotor=rotor, speed=speed)
@@ -110,14 +107,11 @@ class MoveClient(WaitingNode):
         on_the_way: MoveSoliton.Feedback = message.feedback
         self._line.show([on_the_way.rotor], progress_of(on_the_way))
 
-    def _ready(self) -> bool:
-        return bool(self._steering.name) and self._steering.level == DiagnosticStatus.OK
-
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         steering = f'{self.get_namespace().rstrip("/")}/soliton_steering'
-        for status in message.status:
-            if status.hardware_id == steering:
-                self._steering = status
+        for report in reports_from_msg(message):
+            if report.node == steering:
+                self._is_ready = report.ok
 
     def _until(
         self, condition: Callable[[], bool], complaint: str, limit: float = _LONGEST_WAIT
@@ -137,8 +131,8 @@ def progress_of(on_the_way: MoveSoliton.Feedback) -> str:
 
 def main() -> None:
     """Move the soliton as the command line specifies; exit with 1 if the move fails."""
-    options = parse_own_arguments(_parser())
-    with ros_client('move_soliton') as stopping:
+    options = command_line.parse_own_arguments(_parser())
+    with command_line.ros_client('move_soliton') as stopping:
         result = MoveClient(stopping).move(options.rotor, options.speed, options.wait)
     sys.exit(result.outcome != MoveSoliton.Result.REACHED)
 
@@ -149,7 +143,7 @@ def _parser() -> PlainParser:
         description=__doc__,
         epilog=f'Marks in the picture of the chain: {LEGEND}.',
     )
-    add_quantity(parser, 'rotor', _ROTOR)
-    add_quantity(parser, '--speed', _SPEED, 0.0)
-    add_quantity(parser, '--wait', _WAIT, _LONGEST_WAIT)
+    command_line.add_quantity(parser, 'rotor', _ROTOR)
+    command_line.add_quantity(parser, '--speed', _SPEED, 0.0)
+    command_line.add_quantity(parser, '--wait', _WAIT, _LONGEST_WAIT)
     return parser

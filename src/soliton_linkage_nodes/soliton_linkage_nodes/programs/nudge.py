@@ -11,18 +11,18 @@ import threading
 import time
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray
 from std_msgs.msg import Float64
 
 from soliton_linkage.command_line import PlainParser
 from soliton_linkage.linkage.quantities import Quantity
 from soliton_linkage_msgs.msg import LastKick
-from soliton_linkage_nodes.messages.view_conversions import describe_kick
-from soliton_linkage_nodes.programs.command_line import (
-    add_quantity,
-    parse_own_arguments,
-    ros_client,
+from soliton_linkage_nodes.messages.view_conversions import (
+    NodeReport,
+    describe_kick,
+    reports_from_msg,
 )
+from soliton_linkage_nodes.programs import command_line
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.process import WaitingNode
 
@@ -45,7 +45,7 @@ class NudgeClient(WaitingNode):
 
     def __init__(self, stopping: threading.Event, **kwargs: Any) -> None:
         super().__init__('nudge', stopping, **kwargs)
-        self._reports: dict[str, DiagnosticStatus] = {}
+        self._reports: dict[str, NodeReport] = {}
         self._kicks: list[LastKick] = []
         self._nudges = interfaces.NUDGE.publisher(self)
         topic = interfaces.LAST_KICK
@@ -91,7 +91,7 @@ class NudgeClient(WaitingNode):
         return (
             self._nudges.get_subscription_count() >= subscribers
             and self._answers.get_publisher_count() > 0
-            and any(report.level == DiagnosticStatus.OK for report in reports)
+            and any(report.ok for report in reports)
         )
 
     def _check_subscribers(self, subscribers: int, timeout: float) -> None:
@@ -122,7 +122,7 @@ class NudgeClient(WaitingNode):
         """
         for name in self._actuators() & before.keys():
             report = self._reports[name]
-            source, _, reason = _figure(report, 'last rejection').partition(': ')
+            source, _, reason = report.figures.get('last rejection', '').partition(': ')
             if _rejections(report) > before[name] and interfaces.NUDGE.name in source:
                 return f'{name} rejected the nudge: {reason}'
         return ''
@@ -135,13 +135,13 @@ class NudgeClient(WaitingNode):
         )
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        self._reports.update({status.hardware_id: status for status in message.status})
+        self._reports.update({report.node: report for report in reports_from_msg(message)})
 
 
 def main() -> None:
     """Nudge as the command line specifies; exit with 1 after a failure, 130 after Ctrl-C."""
-    options = parse_own_arguments(_parser())
-    with ros_client('nudge') as stopping:
+    options = command_line.parse_own_arguments(_parser())
+    with command_line.ros_client('nudge') as stopping:
         node = NudgeClient(stopping)
         kick = node.nudge(options.speed, options.subscribers, options.timeout)
         if kick is not None:
@@ -150,9 +150,9 @@ def main() -> None:
 
 def _parser() -> PlainParser:
     parser = PlainParser(prog='nudge', description=__doc__)
-    add_quantity(parser, 'speed', _SPEED)
-    add_quantity(parser, '--subscribers', _SUBSCRIBERS, 1, int)
-    add_quantity(parser, '--timeout', _TIMEOUT, _LONGEST_WAIT)
+    command_line.add_quantity(parser, 'speed', _SPEED)
+    command_line.add_quantity(parser, '--subscribers', _SUBSCRIBERS, 1, int)
+    command_line.add_quantity(parser, '--timeout', _TIMEOUT, _LONGEST_WAIT)
     return parser
 
 
@@ -160,9 +160,5 @@ def _names(endpoints: list[Any]) -> set[str]:
     return {f'{each.node_namespace.rstrip("/")}/{each.node_name}' for each in endpoints}
 
 
-def _figure(report: DiagnosticStatus, key: str) -> str:
-    return next((pair.value for pair in report.values if pair.key == key), '')
-
-
-def _rejections(report: DiagnosticStatus) -> int:
-    return int(_figure(report, 'rejected') or 0)
+def _rejections(report: NodeReport) -> int:
+    return int(report.figures.get('rejected') or 0)

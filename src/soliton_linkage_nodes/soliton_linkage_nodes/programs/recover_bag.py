@@ -8,12 +8,7 @@ from pathlib import Path
 
 from soliton_linkage.command_line import PlainParser
 from soliton_linkage_nodes.bags.recovery import recover_bag
-from soliton_linkage_nodes.programs.command_line import (
-    add_limits,
-    exit_on_failure,
-    limits_of,
-    message_progress,
-)
+from soliton_linkage_nodes.programs import command_line
 from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 
 
@@ -32,16 +27,17 @@ def main() -> None:
     parser.add_argument(
         '--doubtful', action='store_true', help='also recover messages with wrong checksums'
     )
-    add_limits(parser)
+    command_line.add_limits(parser)
     options = parser.parse()
     bag: Path = options.bag
     name = bag.resolve()
     output = options.output or name.parent / f'{name.name.partition(".")[0]}_recovered'
-    progress, show = message_progress(f'recovering {bag}')
+    progress, show = command_line.message_progress(f'recovering {bag}')
     interrupt_on_signals()
-    with exit_on_failure('recover_bag'):
+    with command_line.exit_on_failure('recover_bag'):
         try:
-            report, new = recover_bag(bag, output, options.doubtful, show, limits_of(options))
+            limits = command_line.limits_of(options)
+            report, new = recover_bag(bag, output, options.doubtful, show, limits)
         except KeyboardInterrupt:
             print(f'\nrecover_bag: stopped; {output}_* is incomplete', file=sys.stderr)
             raise

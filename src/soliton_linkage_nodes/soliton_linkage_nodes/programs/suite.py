@@ -87,10 +87,7 @@ def main() -> None:
 
 
 def of_one_chain(arguments: Sequence[str]) -> list[str]:
-    """Return the names of all nodes that one chain needs.
-
-    If the arguments name a serial port, serial_encoders replaces simulator.
-    """
+    """Return the nodes of one chain; given a port, serial_encoders replaces simulator."""
     port = re.compile(rf'({_SERIAL}:)?port:=.+')
     rules = [rule for each, rule in pairwise(arguments) if each in _PARAMETER_OPTIONS]
     unused = 'simulator' if any(map(port.fullmatch, rules)) else _SERIAL

@@ -84,7 +84,7 @@ def test_messages_wait_for_a_stalled_disk_and_are_counted_as_lost_beyond_the_lim
             gate.wait()
 
     thread = WritingThread(lambda: StalledDisk(tmp_path / 'run'), most_waiting=room)
-    thread.split()
+    thread.post(thread.writer.split)
     sent = [number.to_bytes(100, 'big') for number in range(100)]
     for number, message in enumerate(sent):
         thread.put([ReceivedMessage(NUDGES, number, message)])

@@ -58,10 +58,7 @@ class Lockstep:
         )
 
     def wait_for_the_analyser(self, limit: float, stopping: threading.Event) -> None:
-        """Wait until `soliton_state` has a publisher or `stopping` is set.
-
-        Raises ValueError after `limit` [s].
-        """
+        """Wait until `soliton_state` has a publisher or to stop; ValueError after `limit` [s]."""
         deadline = time.monotonic() + limit
         while not self._subscription.get_publisher_count():
             if stopping.wait(_ANSWER_POLL_INTERVAL):
@@ -266,10 +263,7 @@ class ReplayPublishers:
             self.lockstep.wait_for_the_analyser(limit, self._stopping)
 
     def deliver(self) -> None:
-        """Wait until all subscribers have acknowledged all messages.
-
-        In lockstep, also wait until the analyser has answered the last frame.
-        """
+        """Wait for all acknowledgements and, in lockstep, for the answer to the last frame."""
         self._wait_for_acknowledgements(*self._publishers)
         if self.lockstep is not None:
             self.lockstep.settle(self._stopping.is_set)

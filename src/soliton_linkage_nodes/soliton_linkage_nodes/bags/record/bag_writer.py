@@ -14,17 +14,8 @@ from pathlib import Path
 
 from rclpy.qos import QoSProfile
 
-from soliton_linkage_nodes.bags.metadata import (
-    GAPS,
-    MCAP,
-    METADATA_FILE,
-    SUFFIXES,
-    StoredFile,
-    as_text,
-    bag_information,
-    gaps_in,
-    write_metadata,
-)
+from soliton_linkage_nodes.bags import metadata
+from soliton_linkage_nodes.bags.metadata import StoredFile
 from soliton_linkage_nodes.bags.storages.mcap_records import Bytes
 from soliton_linkage_nodes.bags.storages.mcap_writer import McapWriter
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic, profiles_text, type_definition
@@ -200,8 +191,8 @@ class BagWriter:
 
     def add_gap(self, start: int, end: int) -> None:
         """Add an interval without recording, from `start` to `end` [ns], to the custom data."""
-        gaps = [*gaps_in(self._custom_data), (start, end)]
-        self._custom_data[GAPS] = json.dumps(gaps)
+        gaps = [*metadata.gaps_in(self._custom_data), (start, end)]
+        self._custom_data[metadata.GAPS] = json.dumps(gaps)
 
     def split(self) -> None:
         """Finish the present file and continue in a new one."""
@@ -232,7 +223,7 @@ class BagWriter:
         """Remove the bag if it has no messages, unless it continues an unfinished bag."""
         if self._is_continued or (self._is_open and self.messages):
             return
-        ours = (f'{self.path.name}_', METADATA_FILE, _RESERVE)
+        ours = (f'{self.path.name}_', metadata.METADATA_FILE, _RESERVE)
         with suppress(OSError):
             for path in list(self.path.iterdir()):
                 if path.name.startswith(ours):
@@ -269,7 +260,7 @@ class BagWriter:
         self._open_file()
 
     def _finish(self) -> None:
-        write_metadata(self.path, self._information([]))
+        metadata.write_metadata(self.path, self._information([]))
         self._sync_folder()
         self.finished = True
 
@@ -291,7 +282,7 @@ class BagWriter:
         return 0 < self._longest_file <= span or 0 < self._largest_file <= self._file.size
 
     def _file_name(self) -> str:
-        return f'{self.path.name}_{len(self._files)}{SUFFIXES[MCAP]}'
+        return f'{self.path.name}_{len(self._files)}{metadata.SUFFIXES[metadata.MCAP]}'
 
     def _open_file(self) -> None:
         self._file = McapWriter(self.path / self._file_name(), self._codec)
@@ -304,7 +295,7 @@ class BagWriter:
         self._file.flush()
         start, end = self._file.span or (time.time_ns(),) * 2
         stored = StoredFile(self._file_name(), sum(self._file.counts.values()), start, end)
-        self._file.close(as_text(self._information([stored])))
+        self._file.close(metadata.as_text(self._information([stored])))
         if self._sync_interval:
             _sync(self.path / self._file_name())
         self._counts.update(self._file.counts)
@@ -316,7 +307,7 @@ class BagWriter:
             topic: self._counts[topic.number] + self._file.counts[topic.number]
             for topic in self.topics
         }
-        return bag_information(counts, [*self._files, *last], self._custom_data)
+        return metadata.bag_information(counts, [*self._files, *last], self._custom_data)
 
     @contextmanager
     def _naming_the_bag(self) -> Iterator[None]:

@@ -8,8 +8,9 @@ import shlex
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
@@ -30,29 +31,6 @@ from soliton_linkage_nodes.runtime.pacing import IdlePriority
 _LONGEST_TEXT = 1000
 """Values whose text has at least this length [characters], such as long lists, are not stored."""
 _CHAIN_TYPE = type_name(interfaces.CHAIN.type)
-
-
-class RecordingMetadata:
-    """Custom data of a bag: parameters of chains, suite version, command line, lost messages."""
-
-    def __init__(self) -> None:
-        self._chains: dict[str, dict[str, Any]] = {}
-
-    def take(self, messages: Iterable[ReceivedMessage]) -> None:
-        """Store the chain parameters that messages of the topic `chain` contain."""
-        for source, _, serialized in messages:
-            if source.type_name == _CHAIN_TYPE:
-                self._chains[source.name] = _parameters_of(serialized)
-
-    def texts(self, losses: Mapping[str, int], missed: Mapping[str, int]) -> dict[str, str]:
-        """Return the custom data. `losses` and `missed` come from `ReceivingThread`."""
-        return {
-            'lost_messages': json.dumps(losses),
-            'missed_messages': json.dumps(missed),
-            'chain': json.dumps(self._chains),
-            'suite_version': suite_version(),
-            'command_line': shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
-        }
 
 
 def _parameters_of(serialized: bytes) -> dict[str, Any]:
@@ -149,7 +127,7 @@ class ReceivingThread:
         self._discovery: DiscoveryWait | None = DiscoveryWait(discovery)
         self._lock = threading.Lock()
         self._paused_at = time.time_ns()
-        self._metadata = RecordingMetadata()
+        self._chains: dict[str, dict[str, Any]] = {}
         self._subscriptions: list[RecordedSubscription] = []
         self._add(finder.of_suite())
         self._rounds = 0
@@ -195,12 +173,10 @@ class ReceivingThread:
             )
 
     def resume(self) -> int:
-        """End a pause, and record the last message that each latched topic received in the pause.
-
-        Returns the number of these messages.
-        """
+        """End a pause; record and count the last message of the pause on each latched topic."""
         if self._buffer.paused:
-            self._bag.add_gap(self._paused_at, time.time_ns())
+            gap = self._paused_at, time.time_ns()
+            self._bag.post(lambda: self._bag.writer.add_gap(*gap))
         return self._record(self._buffer.resume)
 
     def snapshot(self) -> int:
@@ -211,7 +187,7 @@ class ReceivingThread:
         """Take the remaining messages and end the thread; return the custom data of the bag."""
         self._stopping.set()
         self._thread.join()
-        return self._metadata.texts(self.losses, self.missed)
+        return self._custom_data()
 
     def _run(self) -> None:
         search_at = time.monotonic()
@@ -228,12 +204,15 @@ class ReceivingThread:
                     query = self._discovery is not None
                     for each in self._subscriptions:
                         batch += each.adapt(query)
-                    self._bag.set_custom_data(self._metadata.texts(self.losses, self.missed))
+                    data = self._custom_data()
+                    self._bag.post(partial(self._bag.writer.set_custom_data, data))
                 else:
                     changed = [each for each in self._subscriptions if each.changed]
                     batch += [message for each in changed for message in each.adapt(True)]
                 self._add(self._finder.find())
-                self._metadata.take(batch)
+                for source, _, serialized in batch:
+                    if source.type_name == _CHAIN_TYPE:
+                        self._chains[source.name] = _parameters_of(serialized)
                 batch.sort(key=attrgetter('stamp'))
                 with self._lock:
                     self._bag.put(self._buffer.take(batch))
@@ -255,7 +234,17 @@ class ReceivingThread:
         discovery = self._discovery
         if discovery is not None and discovery.done(self._subscriptions):
             self._discovery = None
-            self._bag.after_checkpoint(lambda: self._announce(discovery.missing))
+            self._bag.post(self._bag.writer.checkpoint)
+            self._bag.post(lambda: self._announce(discovery.missing))
+
+    def _custom_data(self) -> dict[str, str]:
+        return {
+            'lost_messages': json.dumps(self.losses),
+            'missed_messages': json.dumps(self.missed),
+            'chain': json.dumps(self._chains),
+            'suite_version': suite_version(),
+            'command_line': shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
+        }
 
     def _end_round(self, number: int) -> None:
         with self._rounds_changed:

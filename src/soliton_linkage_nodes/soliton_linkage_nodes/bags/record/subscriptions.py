@@ -70,10 +70,7 @@ class RecordedSubscription:
             self.starts.add(number, sent, info['received_timestamp'] - self._wanted_since)
 
     def may_lack(self, until: int) -> bool:
-        """Return whether messages that were sent before the time `until` [ns] may arrive soon.
-
-        This is assumed if the last two messages were sent in the second before `until`.
-        """
+        """Return whether the last two messages were sent in the second before `until` [ns]."""
         return self._sent < until < self._sent_before + _STREAM_PERIOD
 
     @property

@@ -89,21 +89,15 @@ class WritingThread:
             self._actions.append(lambda: self._write(messages, size))
             self._changed.notify()
 
+    def post(self, action: Callable[[], object]) -> None:
+        """Call `action`, such as a method of `writer`, after all queued messages are written."""
+        with self._changed:
+            self._actions.append(action)
+            self._changed.notify()
+
     def add_topic(self, topic: RecordedTopic) -> None:
         """Add a topic to the bag. The bag lists the topic even if no message of it is recorded."""
-        self._post(lambda: self._stored(topic))
-
-    def set_custom_data(self, texts: Mapping[str, str]) -> None:
-        """Set entries of the custom data of the bag."""
-        self._post(lambda: self.writer.set_custom_data(texts))
-
-    def add_gap(self, start: int, end: int) -> None:
-        """Add an interval without recording, from `start` to `end` [ns], to the custom data."""
-        self._post(lambda: self.writer.add_gap(start, end))
-
-    def split(self) -> None:
-        """Continue the bag in a new file."""
-        self._post(self.writer.split)
+        self.post(lambda: self._stored(topic))
 
     def flush(self) -> None:
         """Wait until all queued messages are passed to the operating system, at most 5 s."""
@@ -114,17 +108,8 @@ class WritingThread:
             written.set()
 
         if self.failure is None:
-            self._post(write)
+            self.post(write)
             written.wait(_LONGEST_FLUSH)
-
-    def after_checkpoint(self, act: Callable[[], object]) -> None:
-        """Call `act` after all queued messages are written and the writer made a checkpoint."""
-
-        def keep() -> None:
-            self.writer.checkpoint()
-            act()
-
-        self._post(keep)
 
     def close(self, custom_data: Mapping[str, str]) -> None:
         """Write all queued messages and finish the bag. An error is stored in `failure`."""
@@ -138,11 +123,6 @@ class WritingThread:
         """Close the bag, and remove it if it has no messages."""
         self.close({})
         self.writer.remove_if_empty()
-
-    def _post(self, action: Callable[[], object]) -> None:
-        with self._changed:
-            self._actions.append(action)
-            self._changed.notify()
 
     def _run(self, create_writer: Callable[[], BagWriter]) -> None:
         try:

@@ -157,11 +157,7 @@ def chunk_record(
 
 
 def message_index_record(channel: int, entries: Sequence[int]) -> bytes:
-    """Return the record that lists the messages of a channel in a chunk.
-
-    `entries` contains the receive time [ns] and the offset in the chunk [B] of each message in
-    turn.
-    """
+    """Return the index of a channel in a chunk, from stamps [ns] and offsets [B] in turn."""
     packed = struct.pack(f'<{len(entries)}Q', *entries)
     return record(Opcode.MESSAGE_INDEX, struct.pack('<H', channel), sized(packed))
 
@@ -249,10 +245,7 @@ def parse_channel(body: Bytes) -> Channel:
 def define(
     opcode: int, body: Bytes, schemas: dict[int, Schema], channels: dict[int, Channel]
 ) -> None:
-    """Add the schema or channel of a record to `schemas` or `channels`; ignore other records.
-
-    Raises ValueError if the schema or channel is invalid.
-    """
+    """Add the schema or channel in a record, if it is one; ValueError if it is invalid."""
     if opcode == Opcode.SCHEMA:
         schema = parse_schema(body)
         schemas[schema.id] = schema
@@ -342,10 +335,7 @@ def parse_chunk_head(body: Bytes) -> ChunkHead:
 
 
 def unpack(head: ChunkHead, packed: Bytes, most: int) -> tuple[Bytes, bool]:
-    """Return the records in a chunk, and whether they are intact.
-
-    If the decompressed records exceed `most` bytes, the result is b'' and False.
-    """
+    """Return the records of a chunk, b'' above `most` bytes, and whether they are intact."""
     if head.uncompressed > most:
         return b'', False
     records = packed

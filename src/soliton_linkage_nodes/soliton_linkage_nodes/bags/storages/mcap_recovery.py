@@ -34,10 +34,7 @@ class _Chunk(NamedTuple):
 
 
 class _Run(NamedTuple):
-    """Consecutive messages outside of chunks, in the bytes [begin, end) of the file.
-
-    They are `doubtful` if damaged bytes precede them directly.
-    """
+    """Messages outside of chunks in the bytes [begin, end), `doubtful` directly after damage."""
 
     begin: int
     end: int
@@ -83,11 +80,6 @@ class RecoveredMcap(RecoveredFile):
             count = sum(1 for _ in messages)
             self.unverified -= count
             self.report_damage(f'{count} messages at byte {part.begin} are left out', count)
-
-    def _conclude(self) -> None:
-        missing = self.stated - self._read - self.lost
-        if missing > 0:
-            self.report_damage(f'the index lists {missing} more messages than the file', missing)
 
     def _messages_of(self, chunk: _Chunk) -> Iterator[Message]:
         if chunk.rejected:

@@ -216,7 +216,6 @@ class RecoveredSqlite(RecoveredFile):
     def _scan(self, path: Path) -> None:
         self._folder = TemporaryDirectory(prefix='recover_bag_')
         self._path = self._readable(path)
-        self._invalid = 0
         error = _find_error(self._path)
         if error is not None:
             self.report_damage(f'sqlite3 reports: {error}')
@@ -227,6 +226,7 @@ class RecoveredSqlite(RecoveredFile):
             self._report_error(damage)
 
     def _messages(self) -> Iterator[Message]:
+        invalid = 0
         try:
             with closing(self._tables()) as tables:
                 for row in tables.rows('messages', _MESSAGE, 'ORDER BY id'):
@@ -235,13 +235,11 @@ class RecoveredSqlite(RecoveredFile):
                             self.unverified += 1
                             yield Message(topic, 0, stamp, stamp, data)
                         case _:
-                            self._invalid += 1
+                            invalid += 1
         except (sqlite3.Error, ValueError) as error:
             self._report_error(error)
-
-    def _conclude(self) -> None:
-        if self._invalid:
-            self.report_damage(f'{self._invalid} rows are not messages', self._invalid)
+        if invalid:
+            self.report_damage(f'{invalid} rows are not messages', invalid)
 
     def _tables(self) -> Tables:
         return Tables(self._path, self._limits.max_unpacked, damaged=True)

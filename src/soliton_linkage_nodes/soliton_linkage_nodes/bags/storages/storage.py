@@ -71,7 +71,9 @@ class RecoveredFile(ABC):
         if timeless:
             why = 'messages have stamps before 1970 or after 2262, unlike MCAP'
             self.report_damage(f'{timeless} {why}', timeless)
-        self._conclude()
+        missing = self.stated - self._read - self.lost
+        if missing > 0:
+            self.report_damage(f'the index lists {missing} more messages than the file', missing)
 
     def report_damage(self, damage: str, lost: int = 0) -> None:
         """Add the description of a damaged part, in which `lost` messages cannot be read."""
@@ -85,7 +87,3 @@ class RecoveredFile(ABC):
     @abstractmethod
     def _messages(self) -> Iterator[Message]:
         """Yield the intact messages."""
-
-    @abstractmethod
-    def _conclude(self) -> None:
-        """Report the damage that can be detected only after all messages are read."""

@@ -10,7 +10,7 @@ import shutil
 import threading
 import time
 import webbrowser
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -191,7 +191,7 @@ class Experiment:
             else 'The soliton crossed the chain, was reflected at the far edge and came back.'
         )
 
-    def _finish(self) -> dict[str, str]:
+    def _finish(self) -> Mapping[str, str]:
         """Wait for a report of the simulator, stop the nodes, and return the reported values."""
         self._observer.reports.pop('simulator', None)
         self._wait_until(
@@ -266,7 +266,7 @@ class Experiment:
             spin_until(self._executor, more, _QUIET, self._interrupted)
 
     def _summary(
-        self, recorded: Any, replayed: dict[int, tuple[float, ...]], pacing: dict[str, str]
+        self, recorded: Any, replayed: dict[int, tuple[float, ...]], pacing: Mapping[str, str]
     ) -> dict[str, Any]:
         difference = self._report.largest_difference(recorded.states, replayed)
         summary = {

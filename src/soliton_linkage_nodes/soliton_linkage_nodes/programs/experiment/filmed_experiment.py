@@ -187,10 +187,7 @@ class FilmedExperiment:
 
 
 def describe_errors(errors: PositionErrors, spread: float) -> str:
-    """Return the result of the experiment as text.
-
-    `spread` is the relative standard deviation of the lengths [1].
-    """
+    """Describe the result; `spread` is the relative standard deviation of the lengths [1]."""
     hidden = (
         f'{errors.hidden:.1%} of the rotors were hidden, which alone causes an error of '
         f'{errors.by_hidden:.2g}.'
@@ -267,10 +264,7 @@ _FIGURES = (
 
 
 def write_film_page(folder: Path, text: str) -> None:
-    """Write `folder`/index.html, which shows the films and pictures in the folder.
-
-    `text` is the result of the experiment.
-    """
+    """Write index.html, which shows the result `text` and the films and pictures in a folder."""
     video, image = '<video src="{}" controls muted loop></video>', '<img src="{}" alt="">'
     figures = ''.join(
         f'<figure>{(video if name.endswith(".mp4") else image).format(name)}'

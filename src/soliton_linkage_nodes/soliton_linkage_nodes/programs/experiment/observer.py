@@ -4,15 +4,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage_msgs.msg import EdgeCommand, SolitonState
 from soliton_linkage_nodes.messages.conversions import chain_from_msg
+from soliton_linkage_nodes.messages.view_conversions import NodeReport, reports_from_msg
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.parameters import declare, reject_unknown
 from soliton_linkage_nodes.runtime.stamps import time_from_msg
@@ -49,7 +51,7 @@ class Observer(Node):
         super().__init__('experiment', **kwargs)
         self.settings = declare(self, ExperimentParameters)
         reject_unknown(self)
-        self.reports: dict[str, DiagnosticStatus] = {}
+        self.reports: dict[str, NodeReport] = {}
         self.states: dict[int, tuple[float, ...]] = {}
         self.rotors = 0
         self.rotor = math.nan
@@ -90,14 +92,13 @@ class Observer(Node):
         """Whether both the chain and a soliton state have been received."""
         return self.rotors > 0 and bool(self.states)
 
-    def figures(self, node: str) -> dict[str, str]:
+    def figures(self, node: str) -> Mapping[str, str]:
         """Return the values in the latest report of a node, {} without a report."""
-        report = self.reports.get(node)
-        return {} if report is None else {pair.key: pair.value for pair in report.values}
+        return self.reports[node].figures if node in self.reports else {}
 
     def well(self, node: str) -> bool:
         """Return whether a node has reported and its latest report is no warning or error."""
-        return node in self.reports and self.reports[node].level == DiagnosticStatus.OK
+        return node in self.reports and self.reports[node].ok
 
     def _on_chain(self, message: Any) -> None:
         named = chain_from_msg(message)
@@ -111,8 +112,8 @@ class Observer(Node):
             self.velocity = message.solitons[0].velocity / self._spacing
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        for status in message.status:
-            self.reports[status.name.partition(':')[0]] = status
+        for report in reports_from_msg(message):
+            self.reports[report.node.rpartition('/')[2]] = report
 
 
 class RoundTrip:

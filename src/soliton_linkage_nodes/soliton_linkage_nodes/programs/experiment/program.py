@@ -197,10 +197,7 @@ def _suggestions(configuration: Path) -> list[str]:
 
 
 def other_scenarios(configuration: Path) -> list[Path]:
-    """Return the parameter files in the same folder that describe other experiments.
-
-    Files that are not named after their scenario are left out.
-    """
+    """Return the other parameter files in the folder that are named after their experiments."""
     return [
         path
         for path in sorted(configuration.parent.glob('*.yaml'))
