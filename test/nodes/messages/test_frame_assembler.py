@@ -12,7 +12,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 
 from soliton_linkage_nodes.messages.conversions import JointStates, default_joint_names
-from soliton_linkage_nodes.messages.frame_assembler import FrameAssembler, SerializedFrames
+from soliton_linkage_nodes.messages.frames import FrameAssembler, SerializedFrames
 
 NAMES = default_joint_names(6)
 

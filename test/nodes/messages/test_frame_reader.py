@@ -22,7 +22,7 @@ from soliton_linkage_nodes.messages.conversions import (
     frame_to_msg,
     joint_states_from_msg,
 )
-from soliton_linkage_nodes.messages.frame_reader import EncoderMonitor, FrameReader
+from soliton_linkage_nodes.messages.frames import EncoderMonitor, FrameReader
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
 from soliton_linkage_nodes.soliton_analyser.node import SolitonAnalyser

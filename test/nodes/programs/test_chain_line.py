@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from soliton_linkage_nodes.programs.chain_line import drawn
+from soliton_linkage_nodes.programs.watch_soliton import drawn
 
 
 def test_each_rotor_has_its_mark():

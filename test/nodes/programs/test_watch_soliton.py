@@ -15,8 +15,7 @@ from soliton_linkage_nodes.messages.conversions import (
     chain_to_msg,
     frame_to_msg,
 )
-from soliton_linkage_nodes.programs.chain_line import LEGEND
-from soliton_linkage_nodes.programs.watch_soliton import WatchSoliton
+from soliton_linkage_nodes.programs.watch_soliton import LEGEND, WatchSoliton
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
 

@@ -3,13 +3,19 @@
 
 from __future__ import annotations
 
+import os
+import re
+import select
+import sys
+import termios
+import threading
+import tty
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, ClassVar
 
 from soliton_linkage_nodes.bags.bag_files import BagReader
 from soliton_linkage_nodes.bags.guards import BagLimits
-from soliton_linkage_nodes.bags.play import keyboard
 from soliton_linkage_nodes.bags.play.playback import (
     BagPlayerParameters,
     PlaybackThread,
@@ -29,9 +35,60 @@ from soliton_linkage_nodes.runtime.parameters import current
 from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 
+_POLL_INTERVAL = 0.1
+"""The thread waits at most this long for a key before it checks whether it was stopped [s]."""
+_MOST_READ = 64
+"""Most bytes that one read of the terminal returns [B]. A user types fewer in a poll interval."""
+SPACE = ' '
+UP, DOWN, RIGHT = '\x1b[A', '\x1b[B', '\x1b[C'
+_KEY = re.compile(r'\x1b\[.?|.', re.DOTALL)
+
+
+class Keyboard:
+    """Thread that calls `press` with each key pressed in the terminal, if there is a terminal."""
+
+    def __init__(self, press: Callable[[str], object]) -> None:
+        self._press = press
+        self._stopping = threading.Event()
+        self._thread: threading.Thread | None = None
+        if not (sys.stdin and sys.stdin.isatty()):
+            return
+        self._terminal = sys.stdin.fileno()
+        # A background process must not change the terminal settings. Otherwise the system would
+        # stop this process.
+        if os.tcgetpgrp(self._terminal) != os.getpgrp():
+            return
+        self._before = termios.tcgetattr(self._terminal)
+        tty.setcbreak(self._terminal)
+        self._thread = threading.Thread(target=self._run, name='keyboard', daemon=True)
+        self._thread.start()
+
+    @property
+    def taken(self) -> bool:
+        """Whether the thread was started and reads keys."""
+        return self._thread is not None
+
+    def close(self) -> None:
+        """Stop the thread and restore the settings of the terminal."""
+        self._stopping.set()
+        if self._thread is not None:
+            self._thread.join()
+            termios.tcsetattr(self._terminal, termios.TCSADRAIN, self._before)
+            self._thread = None
+
+    def _run(self) -> None:
+        while not self._stopping.is_set():
+            ready, _, _ = select.select([self._terminal], [], [], _POLL_INTERVAL)
+            pressed = os.read(self._terminal, _MOST_READ).decode(errors='replace') if ready else ''
+            if ready and not pressed:
+                return
+            for key in _KEY.findall(pressed):
+                self._press(key)
+
+
 _FASTER = 1.1
 """Each press of the key for faster (slower) multiplies (divides) the playback rate by this [1]."""
-_KEYS = 'space: pause; right: next message; up, down: faster, slower'
+_HELP = 'space: pause; right: next message; up, down: faster, slower'
 
 
 class BagPlayer(ManagedNode):
@@ -105,7 +162,7 @@ class BagPlayer(ManagedNode):
     def cleanup(self) -> None:
         """Stop playing and restore the terminal."""
         self._playing.stop()
-        self._keyboard.close()
+        self._close()
 
     @property
     def finished(self) -> bool:
@@ -148,17 +205,17 @@ class BagPlayer(ManagedNode):
         }
         return Report(state, figures, warning=bool(given_up))
 
-    def _read_keys(self) -> keyboard.Keyboard:
+    def _read_keys(self) -> Keyboard:
         clock = self._playback
         keys = {
-            keyboard.SPACE: clock.toggle,
-            keyboard.RIGHT: clock.play_next,
-            keyboard.UP: lambda: self._change_rate(_FASTER),
-            keyboard.DOWN: lambda: self._change_rate(1 / _FASTER),
+            SPACE: clock.toggle,
+            RIGHT: clock.play_next,
+            UP: lambda: self._change_rate(_FASTER),
+            DOWN: lambda: self._change_rate(1 / _FASTER),
         }
-        reading = keyboard.Keyboard(lambda key: self.active and key in keys and keys[key]())
+        reading = Keyboard(lambda key: self.active and key in keys and keys[key]())
         if reading.taken:
-            self.get_logger().info(_KEYS)
+            self.get_logger().info(_HELP)
         return reading
 
     def _change_rate(self, factor: float) -> None:

@@ -24,8 +24,7 @@ from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
 from soliton_linkage_msgs.msg import Delivery, RotorImpulses
 from soliton_linkage_nodes.messages.command_conversions import delivery_from_msg
 from soliton_linkage_nodes.messages.conversions import JointStates
-from soliton_linkage_nodes.messages.frame_assembler import FrameAssembler
-from soliton_linkage_nodes.messages.frame_reader import FrameReader
+from soliton_linkage_nodes.messages.frames import FrameAssembler, FrameReader
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 
 _MOST_IMPULSES = 10_000

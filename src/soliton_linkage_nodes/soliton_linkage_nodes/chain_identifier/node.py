@@ -33,8 +33,7 @@ from soliton_linkage_nodes.messages.conversions import (
     check_names,
     joint_states_from_msg,
 )
-from soliton_linkage_nodes.messages.frame_assembler import SerializedFrames
-from soliton_linkage_nodes.messages.frame_reader import EncoderMonitor
+from soliton_linkage_nodes.messages.frames import EncoderMonitor, SerializedFrames
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters

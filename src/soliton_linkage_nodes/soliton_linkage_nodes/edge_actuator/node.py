@@ -28,8 +28,7 @@ from soliton_linkage_nodes.edge_actuator.topics import ActuatorPublishers, Lates
 from soliton_linkage_nodes.messages.chain_source import ChainSource, declare_chain_source
 from soliton_linkage_nodes.messages.command_conversions import delivery_from_msg, joint_actuators
 from soliton_linkage_nodes.messages.conversions import NamedChain
-from soliton_linkage_nodes.messages.frame_assembler import SerializedFrames
-from soliton_linkage_nodes.messages.frame_reader import EncoderMonitor
+from soliton_linkage_nodes.messages.frames import EncoderMonitor, SerializedFrames
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.managed import ManagedNode

@@ -16,7 +16,7 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage_nodes.live_view.frame_layout import ENERGIES, Column, Floats, pack
 from soliton_linkage_nodes.live_view.sharing import chain_constants, shared_page
 from soliton_linkage_nodes.messages.conversions import JointStates, NamedChain
-from soliton_linkage_nodes.messages.frame_reader import FrameReader
+from soliton_linkage_nodes.messages.frames import FrameReader
 from soliton_linkage_nodes.runtime.stamps import SECOND
 
 MOST_ANGLES = 1500

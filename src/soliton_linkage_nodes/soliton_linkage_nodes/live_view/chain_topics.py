@@ -17,7 +17,7 @@ from soliton_linkage_nodes.live_view.chain_model import ChainModel
 from soliton_linkage_nodes.live_view.frame_layout import pack_camera
 from soliton_linkage_nodes.messages.cdr import stamp_of
 from soliton_linkage_nodes.messages.conversions import JointStates, chain_from_msg
-from soliton_linkage_nodes.messages.newest_frame import NewestFrame
+from soliton_linkage_nodes.messages.frames import NewestFrame
 from soliton_linkage_nodes.messages.picture_conversions import jpeg_from_msg
 from soliton_linkage_nodes.messages.view_conversions import (
     NodeReport,

@@ -14,8 +14,7 @@ from soliton_linkage.estimation.frames import check_deviations
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage_nodes.messages.cdr import ImpulseDecoder, read_stamp
 from soliton_linkage_nodes.messages.conversions import Frame, JointStates, NamedChain
-from soliton_linkage_nodes.messages.frame_assembler import FrameAssembler
-from soliton_linkage_nodes.messages.frame_reader import FrameReader
+from soliton_linkage_nodes.messages.frames import FrameAssembler, FrameReader
 
 _MOST_WAITING = 1000
 """Largest number of messages with standard deviations that wait for their frame [1]."""

@@ -36,7 +36,7 @@ from soliton_linkage_nodes.bags.reading import find_topic, open_bag
 from soliton_linkage_nodes.live_view.sharing import shared_page, soliton_numbers
 from soliton_linkage_nodes.messages.chain_source import chain_of_file, differences
 from soliton_linkage_nodes.messages.conversions import JointStates, NamedChain
-from soliton_linkage_nodes.messages.frame_reader import FrameReader
+from soliton_linkage_nodes.messages.frames import FrameReader
 from soliton_linkage_nodes.messages.joint_state_analysis import JointStateAnalysis
 from soliton_linkage_nodes.messages.state_conversions import (
     EVENT_COLUMNS,

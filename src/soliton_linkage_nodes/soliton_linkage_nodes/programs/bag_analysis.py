@@ -22,7 +22,7 @@ from soliton_linkage_nodes.messages.conversions import (
     frame_from_msg,
     joint_states_from_msg,
 )
-from soliton_linkage_nodes.messages.frame_assembler import FrameAssembler
+from soliton_linkage_nodes.messages.frames import FrameAssembler
 from soliton_linkage_nodes.messages.joint_state_analysis import JointStateAnalysis
 from soliton_linkage_nodes.runtime import interfaces
 

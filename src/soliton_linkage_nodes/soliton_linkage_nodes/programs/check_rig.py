@@ -52,8 +52,7 @@ from soliton_linkage_nodes.messages.conversions import (
     chain_from_msg,
     joint_states_from_msg,
 )
-from soliton_linkage_nodes.messages.frame_assembler import FrameAssembler
-from soliton_linkage_nodes.messages.frame_reader import FrameReader
+from soliton_linkage_nodes.messages.frames import FrameAssembler, FrameReader
 from soliton_linkage_nodes.programs.command_line import number, parse_own_arguments, ros_client
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.parameters import declare, reject_unknown

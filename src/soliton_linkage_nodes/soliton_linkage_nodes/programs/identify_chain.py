@@ -35,7 +35,7 @@ from soliton_linkage_nodes.chain_identifier.joint_record import JointRecord
 from soliton_linkage_nodes.chain_identifier.parameter_file import write_parameters
 from soliton_linkage_nodes.messages.chain_source import chain_of_file
 from soliton_linkage_nodes.messages.conversions import NamedChain, joint_states_from_msg
-from soliton_linkage_nodes.messages.frame_reader import EncoderMonitor
+from soliton_linkage_nodes.messages.frames import EncoderMonitor
 from soliton_linkage_nodes.programs import command_line
 from soliton_linkage_nodes.programs.bag_analysis import read_chain
 from soliton_linkage_nodes.runtime import interfaces

@@ -23,7 +23,7 @@ from soliton_linkage.linkage.quantities import Quantity
 from soliton_linkage_msgs.action import MoveSoliton
 from soliton_linkage_nodes.messages.view_conversions import reports_from_msg
 from soliton_linkage_nodes.programs import command_line
-from soliton_linkage_nodes.programs.chain_line import LEGEND, ChainLine
+from soliton_linkage_nodes.programs.watch_soliton import LEGEND, ChainLine
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.guarded import ACTION_QOS
 from soliton_linkage_nodes.runtime.process import WaitingNode

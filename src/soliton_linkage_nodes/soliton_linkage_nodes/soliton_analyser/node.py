@@ -25,8 +25,7 @@ from soliton_linkage_nodes.messages.chain_source import (
     OptionalChainSourceParameters,
 )
 from soliton_linkage_nodes.messages.conversions import JointStates, NamedChain
-from soliton_linkage_nodes.messages.frame_assembler import SerializedFrames
-from soliton_linkage_nodes.messages.frame_reader import EncoderMonitor
+from soliton_linkage_nodes.messages.frames import EncoderMonitor, SerializedFrames
 from soliton_linkage_nodes.messages.joint_state_analysis import JointStateAnalysis
 from soliton_linkage_nodes.messages.state_conversions import events_to_msgs, state_to_msg
 from soliton_linkage_nodes.runtime import interfaces

@@ -30,8 +30,7 @@ from soliton_linkage_nodes.messages.chain_source import (
     ChainSourceParameters,
 )
 from soliton_linkage_nodes.messages.conversions import Frame, NamedChain, frame_from_msg
-from soliton_linkage_nodes.messages.frame_assembler import SerializedFrames
-from soliton_linkage_nodes.messages.frame_reader import EncoderMonitor
+from soliton_linkage_nodes.messages.frames import EncoderMonitor, SerializedFrames
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters

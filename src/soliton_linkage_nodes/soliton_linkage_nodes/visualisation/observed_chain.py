@@ -13,9 +13,8 @@ from rclpy.node import Node
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage_msgs import msg
 from soliton_linkage_nodes.messages.conversions import FRAME, NamedChain
-from soliton_linkage_nodes.messages.frame_reader import FrameReader
+from soliton_linkage_nodes.messages.frames import FrameReader, NewestFrame
 from soliton_linkage_nodes.messages.marker_conversions import Wall, kick_from_msg, walls_from_msg
-from soliton_linkage_nodes.messages.newest_frame import NewestFrame
 from soliton_linkage_nodes.messages.view_conversions import (
     NodeReport,
     Numbers,

@@ -20,8 +20,8 @@ from std_msgs.msg import Float64
 
 from soliton_linkage.progress import ProgressLine
 from soliton_linkage_nodes.bags.services import service_type
-from soliton_linkage_nodes.programs.chain_line import ChainLine
 from soliton_linkage_nodes.programs.experiment.observer import Observer, RoundTrip
+from soliton_linkage_nodes.programs.watch_soliton import ChainLine
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.child_processes import (
     START_LIMIT,
