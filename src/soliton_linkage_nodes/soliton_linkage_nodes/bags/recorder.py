@@ -119,10 +119,7 @@ class BagRecorder(ManagedNode):
         return self._receiving.failure or self._bag.failure
 
     def cleanup(self) -> None:
-        """Write the remaining messages and finish the bag.
-
-        If the recording failed, its error is raised.
-        """
+        """Write the remaining messages, finish the bag, and raise the error of a failure."""
         self._bag.close(self._receiving.stop())
         self._inbox.destroy_node()
         path = self._bag.writer.path

@@ -92,10 +92,7 @@ class Visitor:
         return found
 
     def type_name(self, kind: str, name: str, there: Callable[[], NamesAndTypes]) -> str:
-        """Return the type of the topic or service (`kind`) `name`; RuntimeError if not found.
-
-        `there` returns the present names and types.
-        """
+        """Return the type of a topic or service in `there()`; RuntimeError if it is missing."""
         full = self.node.resolve_topic_name(name)
         found: dict[str, list[str]] = {}
 

@@ -192,10 +192,7 @@ class ParameterFile:
         self.values = {name: value for held in sections for name, value in held.items()}
 
     def read(self, kind: type[Group], prefix: str) -> Group:
-        """Return an instance of the dataclass `kind` with values from the file, else defaults.
-
-        The name of a parameter is `prefix` + field name.
-        """
+        """Return an instance of `kind` with the values of `prefix` + field name, else defaults."""
         given = {name: self.values.get(prefix + name) for name in described_fields(kind)}
         values = {name: value for name, value in given.items() if value is not None}
         return kind(**{n: tuple(v) if isinstance(v, list) else v for n, v in values.items()})

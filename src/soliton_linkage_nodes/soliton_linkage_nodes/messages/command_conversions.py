@@ -130,10 +130,7 @@ def _code(command: EdgeCommand | Waveform, name: str) -> Any:
 def efforts_from_msg(
     actuators: JointActuators, source: str, message: JointState
 ) -> tuple[Rotors, Array]:
-    """Return the commanded rotors and their torques [N m].
-
-    Raises ValueError, whose text calls the message `source`, if the message is not accepted.
-    """
+    """Return the rotors and their torques [N m]; ValueError about `source` if not accepted."""
     if message.position or message.velocity:
         raise ValueError(
             f'{source} commands positions or velocities; the actuators accept only effort'
@@ -147,10 +144,7 @@ def efforts_from_msg(
 def efforts_from_array(
     actuators: JointActuators, source: str, message: Float64MultiArray
 ) -> tuple[Rotors, Array]:
-    """Return all rotors with actuators and their torques [N m].
-
-    Raises ValueError, whose text calls the message `source`, if the message is not accepted.
-    """
+    """Return all rotors with actuators and torques [N m]; ValueError about `source` if invalid."""
     torques = np.asarray(message.data, dtype=np.float64)
     return actuators.checked(f'{source}.data', actuators.names, torques)
 

@@ -155,10 +155,7 @@ def _column(message: str, field: str) -> str:
 
 
 def row(analysis: Analysis, joints: JointStates) -> tuple[Any, ...]:
-    """Return the analysis of a frame as a row of the table.
-
-    The columns `soliton_...` describe the first soliton; without a soliton they are NaN.
-    """
+    """Return an analysis as a row; columns `soliton_...` have the first soliton, else NaN."""
     message, solitons = state_to_msg(analysis, joints), analysis.solitons
     cells: list[Any] = [joints.stamp]
     for name in list(_STATE)[1:]:

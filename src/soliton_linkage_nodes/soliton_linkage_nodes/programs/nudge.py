@@ -116,10 +116,7 @@ class NudgeClient(WaitingNode):
         return None
 
     def _rejection(self, before: dict[str, int]) -> str:
-        """Return why an actuator has rejected the nudge, or '' if none has rejected it.
-
-        `before` contains the number of earlier rejections of each actuator.
-        """
+        """Return why an actuator rejected the nudge, or ''; `before` has the earlier counts."""
         for name in self._actuators() & before.keys():
             report = self._reports[name]
             source, _, reason = report.figures.get('last rejection', '').partition(': ')

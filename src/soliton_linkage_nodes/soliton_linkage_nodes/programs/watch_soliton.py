@@ -85,10 +85,7 @@ class ChainLine:
         return math.nan if self._chain is None else self._chain[0].chain.spacing
 
     def show(self, solitons: Sequence[float], remark: str) -> None:
-        """Draw the chain, its solitons and a remark, unless the last drawing is too recent.
-
-        `solitons` contains the site coordinates of the solitons [rotor spacings].
-        """
+        """Draw the chain, solitons at sites [rotor spacings] and a remark, if it is time."""
         if not self._line.due:
             return
         if self._chain is None or self._serialized is None:

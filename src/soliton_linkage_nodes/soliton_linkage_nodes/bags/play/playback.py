@@ -96,10 +96,7 @@ class PlaybackRange:
 
 
 def playback_range(reader: BagReader, start_offset: float, playback_until: float) -> PlaybackRange:
-    """Return the range between two times after the start of the bag [s]; ValueError if empty.
-
-    If `playback_until` is 0, the range ends at the end of the bag.
-    """
+    """Return the range between two times [s], the last 0 for the end; ValueError if empty."""
     empty = not reader.message_count
     origin, last = (0, 0) if empty else (reader.start_time, reader.end_time)
     start = origin + round(start_offset * SECOND)

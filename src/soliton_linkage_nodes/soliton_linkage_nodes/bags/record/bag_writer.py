@@ -175,10 +175,7 @@ class BagWriter:
             self._file.flush()
 
     def checkpoint(self) -> None:
-        """Flush messages and write the custom data.
-
-        Unless `sync_interval` is 0, also synchronise the file to the disk.
-        """
+        """Flush, write the custom data and, unless `sync_interval` is 0, synchronise to disk."""
         with self._naming_the_bag():
             self._file.flush()
             self._write_custom_data()

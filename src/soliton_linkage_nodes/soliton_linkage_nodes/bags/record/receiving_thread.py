@@ -113,11 +113,7 @@ class ReceivingThread:
         real_time: bool = False,
         discovery: DiscoveryTimes = DiscoveryTimes(),
     ) -> None:
-        """Start the thread.
-
-        After the discovery, it calls `announce` with the topics that have an unconnected
-        publisher.
-        """
+        """Start; after the discovery, call `announce` with topics of unconnected publishers."""
         self.failure: Exception | None = None
         self._finder = finder
         self._buffer = buffer

@@ -358,10 +358,7 @@ def records_in(data: Bytes) -> Iterator[tuple[int, int, Bytes]]:
 
 
 def messages_in(records: Bytes, strict: bool = True) -> Iterator[Message]:
-    """Yield the messages among some records.
-
-    A message that is too short raises ValueError or, unless `strict`, is skipped.
-    """
+    """Yield messages; if one is too short, raise ValueError or, unless `strict`, skip it."""
     for _, opcode, body in records_in(records):
         if opcode == Opcode.MESSAGE and (strict or len(body) >= MESSAGE_HEADER.size):
             yield parse_message(body)

@@ -225,10 +225,7 @@ class Experiment:
         return recorded
 
     def _replay(self) -> dict[int, tuple[float, ...]]:
-        """Play the bag to a second analyser, and return the solitons that it publishes.
-
-        The keys are stamps [ns], and the values are site coordinates [rotor spacings].
-        """
+        """Play the bag to another analyser; return its solitons [rotor spacings] by stamp [ns]."""
         service, name = service_type('Resume'), 'bag_player/resume'
         resuming = self._observer.create_client(service, name, qos_profile=SERVICE_QOS)
         self._wait_until(

@@ -55,10 +55,7 @@ def main() -> None:
 
 @contextmanager
 def _plain_end(left: Callable[[], str] = lambda: '') -> Iterator[None]:
-    """Exit with one line of text if the block is interrupted or fails.
-
-    After Ctrl-C the line ends with `left()`, and the exit code is 130. After an error it is 1.
-    """
+    """Exit with one line of text: after Ctrl-C with 130 and `left()`, after an error with 1."""
     try:
         yield
     except KeyboardInterrupt:
