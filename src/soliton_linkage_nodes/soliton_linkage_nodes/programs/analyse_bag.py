@@ -291,7 +291,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     with command_line.exit_on_failure('analyse_bag'):
         try:
             interrupt_on_signals()
-            limits = command_line.limits_of(options)
+            limits = command_line.fields_of(options, BagLimits)
             given = chain_of_file(options.chain) if options.chain else None
             if given is not None:
                 for bag in options.bags:
@@ -311,7 +311,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def _within(options: argparse.Namespace) -> Callable[..., int]:
     return partial(
         analyse,
-        limits=command_line.limits_of(options),
+        limits=command_line.fields_of(options, BagLimits),
         log_time=options.stamps == 'log',
         missing_joints=options.missing_joints,
         html=options.html,
@@ -349,7 +349,7 @@ def _parser() -> PlainParser:
     )
     missing = 'allow joints of --chain that have no angle in the bag'
     parser.add_argument('--missing-joints', action='store_true', help=missing)
-    command_line.add_limits(parser)
+    command_line.add_fields(parser, BagLimits(), 'BYTES')
     where = parser.add_mutually_exclusive_group()
     count = 'number of parallel processes for several bags (one for each core)'
     where.add_argument('--workers', type=process_count, default=os.cpu_count() or 1, help=count)

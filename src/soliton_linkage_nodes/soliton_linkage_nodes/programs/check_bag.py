@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from soliton_linkage.command_line import PlainParser
-from soliton_linkage_nodes.bags.guards import load_json, parse_count
+from soliton_linkage_nodes.bags.guards import BagLimits, load_json, parse_count
 from soliton_linkage_nodes.bags.metadata import gaps_in, time_in_gaps
 from soliton_linkage_nodes.bags.recovery import BagReport, check_bag
 from soliton_linkage_nodes.programs import command_line
@@ -40,11 +40,11 @@ def main() -> None:
     )
     parser.add_argument('bag', type=Path, help='directory of the bag, or one file of it')
     parser.add_argument('--json', action='store_true', help='print the report as JSON')
-    command_line.add_limits(parser)
+    command_line.add_fields(parser, BagLimits(), 'BYTES')
     options = parser.parse()
     progress, show = command_line.message_progress(f'checking {options.bag}')
     with command_line.exit_on_failure('check_bag'):
-        report = check_bag(options.bag, show, command_line.limits_of(options))
+        report = check_bag(options.bag, show, command_line.fields_of(options, BagLimits))
     progress.clear()
     if options.json:
         print(json.dumps(_as_json(report), indent=2))

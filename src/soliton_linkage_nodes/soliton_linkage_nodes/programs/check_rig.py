@@ -53,7 +53,12 @@ from soliton_linkage_nodes.messages.conversions import (
     joint_states_from_msg,
 )
 from soliton_linkage_nodes.messages.frames import FrameAssembler, FrameReader
-from soliton_linkage_nodes.programs.command_line import number, parse_own_arguments, ros_client
+from soliton_linkage_nodes.programs.command_line import (
+    add_output,
+    add_quantity,
+    parse_own_arguments,
+    ros_client,
+)
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.parameters import declare, reject_unknown
 from soliton_linkage_nodes.runtime.process import spin_until
@@ -275,23 +280,10 @@ def _parser() -> PlainParser:
     parser = PlainParser(
         prog='check_rig', description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    time_limit = Quantity('time', 's', 0.1, 3600.0)
-    parser.add_argument(
-        '--no-turn', action='store_true', help='only watch; nobody turns rotors by hand'
-    )
-    parser.add_argument(
-        '--seconds',
-        type=number(time_limit),
-        default=10.0,
-        help='time of watching [s] (%(default)g)',
-    )
-    parser.add_argument(
-        '--limit',
-        type=number(time_limit),
-        default=60.0,
-        help='longest wait for frames and for each turn [s] (%(default)g)',
-    )
-    parser.add_argument(
-        '--output', type=Path, default=Path('out/rig.html'), help='report page (%(default)s)'
-    )
+    text = 'only watch; nobody turns rotors by hand'
+    parser.add_argument('--no-turn', action='store_true', help=text)
+    add_quantity(parser, '--seconds', Quantity('time of watching', 's', 0.1, 3600.0), 10.0)
+    limit = Quantity('longest wait for frames and for each turn', 's', 0.1, 3600.0)
+    add_quantity(parser, '--limit', limit, 60.0)
+    add_output(parser, 'out/rig.html', 'report page')
     return parser

@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import rclpy
 from rclpy.utilities import remove_ros_args
@@ -20,11 +20,11 @@ from rclpy.utilities import remove_ros_args
 from soliton_linkage.command_line import PlainParser
 from soliton_linkage.linkage.quantities import Quantity, described_fields
 from soliton_linkage.progress import ProgressLine
-from soliton_linkage_nodes.bags.guards import BagLimits
 from soliton_linkage_nodes.runtime.parameter_files import check_files
 from soliton_linkage_nodes.runtime.process import initialise, stop_on_signals
 from soliton_linkage_nodes.start import INTERRUPTED
 
+Group = TypeVar('Group')
 _SOURCE_LOCATION = re.compile(r', at /\S+:\d+')
 
 
@@ -61,13 +61,13 @@ def add_quantity(
     parser: argparse._ActionsContainer,
     name: str,
     described: Quantity,
-    default: float | None = None,
+    default: Any = None,
     kind: type[float] = float,
     **more: Any,
 ) -> None:
     """Add an argument for a number with the description, the unit and the range of a quantity."""
     unit = f' [{described.unit}]' if described.unit else ''
-    shown = '' if default is None else f' (%(default){"s" if kind is int else "g"})'
+    shown = f' (%(default){"s" if kind is int else "g"})' if isinstance(default, kind) else ''
     text = f'{described.description}{unit}{shown}'
     parser.add_argument(name, type=number(described, kind), default=default, help=text, **more)
 
@@ -136,13 +136,16 @@ def add_output(parser: argparse.ArgumentParser, default: str, description: str) 
     parser.add_argument('--output', type=Path, default=Path(default), help=text)
 
 
-def add_limits(parser: argparse.ArgumentParser) -> None:
-    """Add an option for each limit in `BagLimits`, with its default value."""
-    for name, described in described_fields(BagLimits).items():
-        option, default = f'--{name.replace("_", "-")}', getattr(BagLimits(), name)
-        add_quantity(parser, option, described, default, int, metavar='BYTES')
+def add_fields(parser: argparse.ArgumentParser, defaults: Any, metavar: str) -> None:
+    """Add an option for each `quantity` of a dataclass instance; a tuple takes several values."""
+    for name, described in described_fields(defaults).items():
+        option, default = f'--{name.replace("_", "-")}', getattr(defaults, name)
+        kind = int if isinstance(default, int) else float
+        several = {'nargs': '+'} if isinstance(default, tuple) else {}
+        add_quantity(parser, option, described, default, kind, metavar=metavar, **several)
 
 
-def limits_of(options: argparse.Namespace) -> BagLimits:
-    """Return the limits that the options specify."""
-    return BagLimits(options.max_unpacked, options.max_unpacked_file)
+def fields_of(options: argparse.Namespace, kind: type[Group]) -> Group:
+    """Return an instance of a dataclass with the values of the options of `add_fields`."""
+    values = {name: getattr(options, name) for name in described_fields(kind)}
+    return kind(**{n: tuple(v) if isinstance(v, list) else v for n, v in values.items()})

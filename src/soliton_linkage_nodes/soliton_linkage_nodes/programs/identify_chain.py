@@ -25,7 +25,7 @@ from soliton_linkage.identification.readings import join_recordings
 from soliton_linkage.identification.result import Identification
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.gravity import Gravity
-from soliton_linkage.linkage.quantities import Quantity, described_fields
+from soliton_linkage.linkage.quantities import described_fields, quantity
 from soliton_linkage.progress import ProgressLine
 from soliton_linkage_nodes.bags.bag_files import BagReader
 from soliton_linkage_nodes.bags.guards import DEFAULT_LIMITS, BagLimits
@@ -43,22 +43,47 @@ from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 from soliton_linkage_nodes.runtime.stamps import SECOND
 from soliton_linkage_studies.pictures import save_report
 
+_SPACING = described_fields(Chain)['spacing']
+_GRAVITY = described_fields(Gravity)
+
 
 @dataclass(frozen=True)
 class IdentificationOptions:
     """Information for the identification that the angles do not contain."""
 
-    spacing: float | None = None
-    """Mean distance between neighbouring pivots [m]; None for the spacing of the given chain."""
-    tolerance: float | None = None
-    """Relative standard deviation of the lengths of one kind, such as the rotor lengths [1], or
-    None to estimate it."""
-    span: tuple[float, float] = (0.0, math.inf)
-    """Earliest and latest time of the used frames, counted from the first frame of the bag [s]."""
-    gravity: float = 0.0
-    """Gravitational acceleration in the plane of the chain [m/s^2]."""
-    tilts: tuple[float, ...] = ()
-    """Tilt of the chain at the start of each bag [rad]; an empty tuple means 0 in every bag."""
+    spacing: float | None = quantity(
+        None,
+        'mean distance of neighbouring pivots; without it, gravity determines the scale',
+        'm',
+        _SPACING.minimum,
+        _SPACING.maximum,
+    )
+    gravity: float = quantity(
+        0.0,
+        'gravity in the plane of the chain, 9.81 for an upright chain',
+        'm/s^2',
+        _GRAVITY['acceleration'].minimum,
+        _GRAVITY['acceleration'].maximum,
+    )
+    tilt: tuple[float, ...] = quantity(
+        (),
+        'tilt of the chain at the start of each bag, positive if the last rotor is lower (0); '
+        'later tilts come from the topic tilt',
+        'rad',
+        _GRAVITY['tilt'].minimum,
+        _GRAVITY['tilt'].maximum,
+    )
+    tolerance: float | None = quantity(
+        None,
+        'relative standard deviation of the lengths of one kind (estimated from the angles)',
+        '',
+        1e-4,
+        1.0,
+    )
+    begin: float = quantity(
+        0.0, 'time of the first frame to use, for example after a kick by hand', 's', 0.0
+    )
+    end: float = quantity(math.inf, 'time of the last frame to use', 's', 0.0)
 
 
 def identify_bags(
@@ -73,13 +98,13 @@ def identify_bags(
     The chain `given`, or else the chain in the bags, supplies the joint names, the spacing and the
     quantities that the angles do not determine.
     """
-    spacing = assumptions.spacing
+    spacing, span = assumptions.spacing, (assumptions.begin, assumptions.end)
     recordings = []
     reference = given
-    for bag, tilt in _tilted(bags, assumptions.tilts):
+    for bag, tilt in _tilted(bags, assumptions.tilt):
         with open_bag(bag, limits) as reader:
             reference = reference or _recorded_chain(reader)
-            record = read_joints(reader, reference, assumptions.span)
+            record = read_joints(reader, reference, span)
         recordings.append(record.readings(Gravity(assumptions.gravity, tilt)))
     chain = Chain() if reference is None else reference.chain
     known = not (spacing is None and reference is None)
@@ -113,14 +138,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     with command_line.exit_on_failure('identify_chain'):
         interrupt_on_signals()
         given = chain_of_file(options.chain) if options.chain else None
-        assumptions = IdentificationOptions(
-            options.spacing,
-            options.tolerance,
-            (options.begin, options.end),
-            options.gravity,
-            tuple(options.tilt),
-        )
-        limits = command_line.limits_of(options)
+        assumptions = command_line.fields_of(options, IdentificationOptions)
+        limits = command_line.fields_of(options, BagLimits)
         print(summary(identify_bags(options.bags, options.output, given, assumptions, limits)))
 
 
@@ -151,61 +170,9 @@ def _parser() -> PlainParser:
         help='parameter file with the joint names, chain.spacing, chain.mass, ...; it replaces '
         'the topic chain of the bag; lengths other than chain.spacing are ignored',
     )
-    _add_assumptions(parser)
-    _add_span(parser)
-    command_line.add_limits(parser)
+    command_line.add_fields(parser, IdentificationOptions(), 'VALUE')
+    command_line.add_fields(parser, BagLimits(), 'BYTES')
     return parser
-
-
-def _add_assumptions(parser: PlainParser) -> None:
-    parser.add_argument(
-        '--spacing',
-        type=command_line.number(described_fields(Chain)['spacing']),
-        metavar='METRES',
-        help='mean distance of neighbouring pivots [m]; without it, gravity determines the scale',
-    )
-    fields = described_fields(Gravity)
-    parser.add_argument(
-        '--gravity',
-        type=command_line.number(fields['acceleration']),
-        default=0.0,
-        metavar='ACCELERATION',
-        help='gravity in the plane of the chain [m/s^2], 9.81 for an upright chain (%(default)s)',
-    )
-    parser.add_argument(
-        '--tilt',
-        type=command_line.number(fields['tilt']),
-        nargs='+',
-        default=[],
-        metavar='RADIANS',
-        help='tilt of the chain at the start of each bag [rad], positive if the last rotor is '
-        'lower (0); later tilts come from the topic tilt',
-    )
-    parser.add_argument(
-        '--tolerance',
-        type=command_line.number(Quantity('tolerance', '', 1e-4, 1.0)),
-        metavar='FRACTION',
-        help='relative standard deviation of the lengths of one kind [1] (estimated from the '
-        'angles)',
-    )
-
-
-def _add_span(parser: PlainParser) -> None:
-    time = Quantity('time', 's', 0.0)
-    parser.add_argument(
-        '--begin',
-        type=command_line.number(time),
-        default=0.0,
-        metavar='SECONDS',
-        help='time of the first frame to use, for example after a kick by hand [s] (%(default)s)',
-    )
-    parser.add_argument(
-        '--end',
-        type=command_line.number(time),
-        default=math.inf,
-        metavar='SECONDS',
-        help='time of the last frame to use [s] (%(default)s)',
-    )
 
 
 _FEWEST_FRAMES = 50

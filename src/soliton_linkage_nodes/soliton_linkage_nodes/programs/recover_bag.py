@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 from soliton_linkage.command_line import PlainParser
+from soliton_linkage_nodes.bags.guards import BagLimits
 from soliton_linkage_nodes.bags.recovery import recover_bag
 from soliton_linkage_nodes.programs import command_line
 from soliton_linkage_nodes.runtime.process import interrupt_on_signals
@@ -27,7 +28,7 @@ def main() -> None:
     parser.add_argument(
         '--doubtful', action='store_true', help='also recover messages with wrong checksums'
     )
-    command_line.add_limits(parser)
+    command_line.add_fields(parser, BagLimits(), 'BYTES')
     options = parser.parse()
     bag: Path = options.bag
     name = bag.resolve()
@@ -36,7 +37,7 @@ def main() -> None:
     interrupt_on_signals()
     with command_line.exit_on_failure('recover_bag'):
         try:
-            limits = command_line.limits_of(options)
+            limits = command_line.fields_of(options, BagLimits)
             report, new = recover_bag(bag, output, options.doubtful, show, limits)
         except KeyboardInterrupt:
             print(f'\nrecover_bag: stopped; {output}_* is incomplete', file=sys.stderr)
