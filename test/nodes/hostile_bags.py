@@ -218,12 +218,10 @@ def profiles(text: str) -> Callable[..., Path]:
         about = {'offered_qos_profiles': text}
         bag = base(name, named)
         content = data_file(bag).read_bytes()
-        schemas = [
-            mcap.parse_schema(body)
-            for _, opcode, body in mcap.records_in(content[8:])
-            if opcode == Opcode.SCHEMA
-        ]
-        number = next(each.id for each in schemas if each.name.endswith('JointState'))
+        schemas: dict[int, Schema] = {}
+        for _, opcode, body in mcap.records_in(content[8:]):
+            mcap.define(opcode, body, schemas, {})
+        number = next(n for n, each in schemas.items() if each.name.endswith('JointState'))
         records = mcap.channel_record(Channel(9, number, '/other/states', 'cdr', about))
         return put_before_the_index(bag, records)
 

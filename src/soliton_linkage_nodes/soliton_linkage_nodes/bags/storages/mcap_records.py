@@ -229,29 +229,18 @@ class Fields:
         return texts
 
 
-def parse_schema(body: Bytes) -> Schema:
-    """Return the schema in a record; ValueError if it is invalid."""
-    fields = Fields(body)
-    return Schema(fields.number(2), fields.text(), fields.text(), bytes(fields.sized()))
-
-
-def parse_channel(body: Bytes) -> Channel:
-    """Return the channel in a record; ValueError if it is invalid."""
-    fields = Fields(body)
-    number, schema = fields.number(2), fields.number(2)
-    return Channel(number, schema, fields.text(), fields.text(), fields.text_map())
-
-
 def define(
     opcode: int, body: Bytes, schemas: dict[int, Schema], channels: dict[int, Channel]
 ) -> None:
     """Add the schema or channel in a record, if it is one; ValueError if it is invalid."""
+    fields = Fields(body)
     if opcode == Opcode.SCHEMA:
-        schema = parse_schema(body)
-        schemas[schema.id] = schema
+        number = fields.number(2)
+        schemas[number] = Schema(number, fields.text(), fields.text(), bytes(fields.sized()))
     elif opcode == Opcode.CHANNEL:
-        channel = parse_channel(body)
-        channels[channel.id] = channel
+        number, schema = fields.number(2), fields.number(2)
+        names = fields.text(), fields.text()
+        channels[number] = Channel(number, schema, *names, fields.text_map())
 
 
 def parse_message(body: Bytes) -> Message:
@@ -260,12 +249,6 @@ def parse_message(body: Bytes) -> Message:
         raise ValueError(f'a message of {len(body)} bytes is shorter than its header')
     channel, sequence, stamp, published = MESSAGE_HEADER.unpack_from(body)
     return Message(channel, sequence, stamp, published, bytes(body[MESSAGE_HEADER.size :]))
-
-
-def parse_metadata(body: Bytes) -> tuple[str, dict[str, str]]:
-    """Return the name and the texts in a metadata record; ValueError if it is invalid."""
-    fields = Fields(body)
-    return fields.text(), fields.text_map()
 
 
 _TEXT, _DATA = 4, 8

@@ -237,7 +237,8 @@ class RecoveredMcap(RecoveredFile):
 
     def _take_file_record(self, offset: int, opcode: int, body: Bytes) -> None:
         if opcode == Opcode.METADATA:
-            name, texts = mcap.parse_metadata(body)
+            fields = mcap.Fields(body)
+            name, texts = fields.text(), fields.text_map()
             if name == mcap.CUSTOM_DATA:
                 self.custom_data.update(texts)
             elif name == 'rosbag2':
