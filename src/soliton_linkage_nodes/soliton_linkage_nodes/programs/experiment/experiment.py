@@ -11,6 +11,7 @@ import threading
 import time
 import webbrowser
 from collections.abc import Callable, Mapping
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -46,6 +47,7 @@ _UNUSED = (
 _RECORDED_TOPICS = {f'/{topic.name}' for topic in interfaces.SUITE_TOPICS if topic not in _UNUSED}
 _REPORT_LIMIT = 6.2
 """Longest wait for a report of a node [s]. Nodes report once per second."""
+_print = partial(print, flush=True)
 _QUIET = 0.5
 """If no state arrives for this time [s], all states have arrived."""
 
@@ -293,7 +295,3 @@ class Experiment:
         if self._stopping.is_set():
             raise KeyboardInterrupt
         return False
-
-
-def _print(text: str) -> None:
-    print(text, flush=True)

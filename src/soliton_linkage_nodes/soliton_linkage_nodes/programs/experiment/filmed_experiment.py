@@ -9,6 +9,7 @@ import math
 import shutil
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,7 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 from soliton_linkage_studies.camera.runs import CAMERA, BenchParameters, FilmedBench
 
 _DEVIATIONS = interfaces.JOINT_STATE_DEVIATIONS.name
+_print = partial(print, flush=True)
 _FROM_EDGES = 4.0
 """Soliton positions closer to an edge than this are left out of the errors [rotor spacings]."""
 
@@ -218,10 +220,6 @@ def _position(analysis: Analysis | None) -> tuple[float, float]:
 
 def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
-
-
-def _print(text: str) -> None:
-    print(text, flush=True)
 
 
 _PAGE = """<!DOCTYPE html>
