@@ -7,7 +7,7 @@ import importlib
 import sys
 from collections import deque
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing
 from importlib.machinery import PathFinder
 from pathlib import Path
 from typing import Any
@@ -21,9 +21,8 @@ from soliton_linkage_nodes.bags.metadata import METADATA_FILE, SUFFIXES, explain
 from soliton_linkage_nodes.bags.stored_topic import CDR, StoredTopic, type_definition
 
 
-@contextmanager
-def open_bag(path: Path, limits: BagLimits = DEFAULT_LIMITS) -> Iterator[BagReader]:
-    """Open a bag for reading. Raises ValueError if it does not exist or cannot be read."""
+def open_bag(path: Path, limits: BagLimits = DEFAULT_LIMITS) -> closing[BagReader]:
+    """Return a context with the reader of a bag; ValueError if it is missing or unreadable."""
     if complaint := explain_no_bag(path):
         raise ValueError(complaint)
     if path.is_dir() and not (path / METADATA_FILE).exists():
@@ -39,10 +38,7 @@ def open_bag(path: Path, limits: BagLimits = DEFAULT_LIMITS) -> Iterator[BagRead
             f'Give a directory with metadata.yaml and an {" or ".join(SUFFIXES.values())} file; '
             f'if the bag is damaged, try recover_bag {path}'
         ) from error
-    try:
-        yield reader
-    finally:
-        reader.close()
+    return closing(reader)
 
 
 def latched_before(reader: BagReader, topic: StoredTopic, stop: int) -> list[bytes]:

@@ -202,7 +202,8 @@ class PlaybackThread:
         ahead = self._publish_latched(reader, start)
         others = [each for each in self._awaited if each not in latched]
         self._publishers.wait_for_subscribers(others, limit)
-        self._publishers.wait_for_the_analyser(limit)
+        if self._publishers.lockstep is not None:
+            self._publishers.lockstep.wait_for_the_analyser(limit, self._clock.stopping)
         while (action := self._play_from(reader, start, ahead)) is not NextAction.STOP:
             if action is NextAction.SEEK:
                 self.jumps += 1

@@ -257,11 +257,6 @@ class ReplayPublishers:
                     f'nothing subscribes to {topic} after {limit:g} s; playing without subscribers'
                 )
 
-    def wait_for_the_analyser(self, limit: float) -> None:
-        """In lockstep, wait until an analyser publishes; ValueError after `limit` [s]."""
-        if self.lockstep is not None:
-            self.lockstep.wait_for_the_analyser(limit, self._stopping)
-
     def deliver(self) -> None:
         """Wait for all acknowledgements and, in lockstep, for the answer to the last frame."""
         self._wait_for_acknowledgements(*self._publishers)
