@@ -253,7 +253,16 @@ class CheckRig(Node):
 
 def main() -> None:
     """Check the rig; exit with 1 if something is wrong, with 130 after Ctrl-C."""
-    options = parse_own_arguments(_parser())
+    parser = PlainParser(
+        prog='check_rig', description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    text = 'only watch; nobody turns rotors by hand'
+    parser.add_argument('--no-turn', action='store_true', help=text)
+    add_quantity(parser, '--seconds', Quantity('time of watching', 's', 0.1, 3600.0), 10.0)
+    limit = Quantity('longest wait for frames and for each turn', 's', 0.1, 3600.0)
+    add_quantity(parser, '--limit', limit, 60.0)
+    add_output(parser, 'out/rig.html', 'report page')
+    options = parse_own_arguments(parser)
     with ros_client('check_rig') as stopping:
         node = CheckRig(stopping)
         try:
@@ -274,16 +283,3 @@ def _report(found: RigFindings, names: tuple[str, ...], chain: str, path: Path) 
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(rig_page(found, names, chain), encoding='utf-8')
     print(f'the report page is {path}')
-
-
-def _parser() -> PlainParser:
-    parser = PlainParser(
-        prog='check_rig', description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    text = 'only watch; nobody turns rotors by hand'
-    parser.add_argument('--no-turn', action='store_true', help=text)
-    add_quantity(parser, '--seconds', Quantity('time of watching', 's', 0.1, 3600.0), 10.0)
-    limit = Quantity('longest wait for frames and for each turn', 's', 0.1, 3600.0)
-    add_quantity(parser, '--limit', limit, 60.0)
-    add_output(parser, 'out/rig.html', 'report page')
-    return parser

@@ -13,6 +13,7 @@ import dataclasses
 import math
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -99,11 +100,17 @@ def identify_bags(
     quantities that the angles do not determine.
     """
     spacing, span = assumptions.spacing, (assumptions.begin, assumptions.end)
+    tilts = assumptions.tilt or (0.0,) * len(bags)
+    if len(tilts) != len(bags):
+        raise ValueError(
+            f'--tilt has {len(tilts)} values for {len(bags)} bags; give one for each bag, or none'
+        )
     recordings = []
     reference = given
-    for bag, tilt in _tilted(bags, assumptions.tilt):
+    for bag, tilt in zip(bags, tilts, strict=True):
         with open_bag(bag, limits) as reader:
-            reference = reference or _recorded_chain(reader)
+            with suppress(ValueError):
+                reference = reference or read_chain(reader)
             record = read_joints(reader, reference, span)
         recordings.append(record.readings(Gravity(assumptions.gravity, tilt)))
     chain = Chain() if reference is None else reference.chain
@@ -134,31 +141,6 @@ def identify_bags(
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Identify the chain in the bags; exit with 1 after a failure, 130 after Ctrl-C."""
-    options = _parser().parse(arguments)
-    with command_line.exit_on_failure('identify_chain'):
-        interrupt_on_signals()
-        given = chain_of_file(options.chain) if options.chain else None
-        assumptions = command_line.fields_of(options, IdentificationOptions)
-        limits = command_line.fields_of(options, BagLimits)
-        print(summary(identify_bags(options.bags, options.output, given, assumptions, limits)))
-
-
-def _tilted(bags: Sequence[Path], tilts: Sequence[float]) -> Iterator[tuple[Path, float]]:
-    if tilts and len(tilts) != len(bags):
-        raise ValueError(
-            f'--tilt has {len(tilts)} values for {len(bags)} bags; give one for each bag, or none'
-        )
-    return zip(bags, tilts or [0.0] * len(bags), strict=True)
-
-
-def _recorded_chain(reader: BagReader) -> NamedChain | None:
-    try:
-        return read_chain(reader)
-    except ValueError:
-        return None
-
-
-def _parser() -> PlainParser:
     parser = PlainParser(prog='identify_chain', description=__doc__)
     command_line.add_bags(parser)
     text = 'folder for chain.yaml, lengths.csv and the report page'
@@ -172,7 +154,13 @@ def _parser() -> PlainParser:
     )
     command_line.add_fields(parser, IdentificationOptions(), 'VALUE')
     command_line.add_fields(parser, BagLimits(), 'BYTES')
-    return parser
+    options = parser.parse(arguments)
+    with command_line.exit_on_failure('identify_chain'):
+        interrupt_on_signals()
+        given = chain_of_file(options.chain) if options.chain else None
+        assumptions = command_line.fields_of(options, IdentificationOptions)
+        limits = command_line.fields_of(options, BagLimits)
+        print(summary(identify_bags(options.bags, options.output, given, assumptions, limits)))
 
 
 _FEWEST_FRAMES = 50

@@ -30,9 +30,7 @@ from soliton_linkage_nodes.runtime.process import WaitingNode
 
 _ROTOR = Quantity('destination, counted from rotor 0', 'rotor spacings')
 _SPEED = Quantity('largest speed of the move, 0 for automatic', 'rotor spacings/s', minimum=0.0)
-"""Largest speed of the move; at 0, soliton_steering chooses the speed."""
 _WAIT = Quantity('longest wait for soliton_steering to be ready', 's', 0.0, 3600.0)
-"""Longest wait until soliton_steering is ready, at most one hour."""
 _LONGEST_WAIT = 5.0
 """Default wait for soliton_steering, and longest wait for its answer to the goal [s]."""
 _LONGEST_SILENCE = 3.0
@@ -131,13 +129,6 @@ def progress_of(on_the_way: MoveSoliton.Feedback) -> str:
 
 def main() -> None:
     """Move the soliton as the command line specifies; exit with 1 if the move fails."""
-    options = command_line.parse_own_arguments(_parser())
-    with command_line.ros_client('move_soliton') as stopping:
-        result = MoveClient(stopping).move(options.rotor, options.speed, options.wait)
-    sys.exit(result.outcome != MoveSoliton.Result.REACHED)
-
-
-def _parser() -> PlainParser:
     parser = PlainParser(
         prog='move_soliton',
         description=__doc__,
@@ -146,4 +137,7 @@ def _parser() -> PlainParser:
     command_line.add_quantity(parser, 'rotor', _ROTOR)
     command_line.add_quantity(parser, '--speed', _SPEED, 0.0)
     command_line.add_quantity(parser, '--wait', _WAIT, _LONGEST_WAIT)
-    return parser
+    options = command_line.parse_own_arguments(parser)
+    with command_line.ros_client('move_soliton') as stopping:
+        result = MoveClient(stopping).move(options.rotor, options.speed, options.wait)
+    sys.exit(result.outcome != MoveSoliton.Result.REACHED)

@@ -137,20 +137,16 @@ class NudgeClient(WaitingNode):
 
 def main() -> None:
     """Nudge as the command line specifies; exit with 1 after a failure, 130 after Ctrl-C."""
-    options = command_line.parse_own_arguments(_parser())
+    parser = PlainParser(prog='nudge', description=__doc__)
+    command_line.add_quantity(parser, 'speed', _SPEED)
+    command_line.add_quantity(parser, '--subscribers', _SUBSCRIBERS, 1, int)
+    command_line.add_quantity(parser, '--timeout', _TIMEOUT, _LONGEST_WAIT)
+    options = command_line.parse_own_arguments(parser)
     with command_line.ros_client('nudge') as stopping:
         node = NudgeClient(stopping)
         kick = node.nudge(options.speed, options.subscribers, options.timeout)
         if kick is not None:
             print(f'nudge: {describe_kick(kick)}')
-
-
-def _parser() -> PlainParser:
-    parser = PlainParser(prog='nudge', description=__doc__)
-    command_line.add_quantity(parser, 'speed', _SPEED)
-    command_line.add_quantity(parser, '--subscribers', _SUBSCRIBERS, 1, int)
-    command_line.add_quantity(parser, '--timeout', _TIMEOUT, _LONGEST_WAIT)
-    return parser
 
 
 def _names(endpoints: list[Any]) -> set[str]:

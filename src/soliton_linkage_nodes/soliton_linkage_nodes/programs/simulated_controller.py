@@ -116,7 +116,18 @@ class RealTimeChain:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Simulate until Ctrl-C; exit with 1 after a failure, 130 after Ctrl-C."""
-    options = _parser().parse(arguments)
+    parser = PlainParser(prog='simulated_controller', description=__doc__)
+    parser.add_argument('chain', type=Path, help='parameter file, such as config/flipper.yaml')
+    parser.add_argument(
+        '--protocol', choices=('binary', 'text'), default='binary', help='serial protocol (binary)'
+    )
+    add_quantity(parser, '--rate', _RATE, 250.0)
+    add_quantity(parser, '--drift', described_fields(ControllerSettings)['drift'], 0.0)
+    add_quantity(parser, '--counts-per-turn', _COUNTS, 4096.0, metavar='COUNTS')
+    parser.add_argument(
+        '--link', type=Path, metavar='PATH', help='path of a symbolic link to the port'
+    )
+    options = parser.parse(arguments)
     with exit_on_failure('simulated_controller'):
         interrupt_on_signals()
         named = chain_of_file(options.chain)
@@ -149,18 +160,3 @@ def _run_in_real_time(played: RealTimeChain) -> None:
                 'too slow; lower --rate or use a shorter chain',
                 file=sys.stderr,
             )
-
-
-def _parser() -> PlainParser:
-    parser = PlainParser(prog='simulated_controller', description=__doc__)
-    parser.add_argument('chain', type=Path, help='parameter file, such as config/flipper.yaml')
-    parser.add_argument(
-        '--protocol', choices=('binary', 'text'), default='binary', help='serial protocol (binary)'
-    )
-    add_quantity(parser, '--rate', _RATE, 250.0)
-    add_quantity(parser, '--drift', described_fields(ControllerSettings)['drift'], 0.0)
-    add_quantity(parser, '--counts-per-turn', _COUNTS, 4096.0, metavar='COUNTS')
-    parser.add_argument(
-        '--link', type=Path, metavar='PATH', help='path of a symbolic link to the port'
-    )
-    return parser
