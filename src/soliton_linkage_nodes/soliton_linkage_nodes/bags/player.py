@@ -162,7 +162,7 @@ class BagPlayer(ManagedNode):
     def cleanup(self) -> None:
         """Stop playing and restore the terminal."""
         self._playing.stop()
-        self._close()
+        self._keyboard.close()
 
     @property
     def finished(self) -> bool:
