@@ -30,7 +30,9 @@ from soliton_linkage_nodes.runtime.process import WaitingNode
 
 _ROTOR = Quantity('destination, counted from rotor 0', 'rotor spacings')
 _SPEED = Quantity('largest speed of the move, 0 for automatic', 'rotor spacings/s', minimum=0.0)
+"""Largest speed of the move; at 0, soliton_steering chooses the speed."""
 _WAIT = Quantity('longest wait for soliton_steering to be ready', 's', 0.0, 3600.0)
+"""Longest wait until soliton_steering is ready, at most one hour."""
 _LONGEST_WAIT = 5.0
 """Default wait for soliton_steering, and longest wait for its answer to the goal [s]."""
 _LONGEST_SILENCE = 3.0
