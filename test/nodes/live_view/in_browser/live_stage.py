@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -180,22 +181,24 @@ class Visit:
         self.field(label).fill(str(value))
         self.field(label).press('Tab')
 
-    def press(self, name: str, key: str) -> None:
-        """Press a key on a slider until its value changes.
+    def slide(self, name: str, value: float, reached: Callable[[], Any] = lambda: True) -> None:
+        """Press arrow keys on a slider until it has a value and a condition is true.
 
         A slider ignores keys while it is disabled, and a list that closes takes the focus.
         """
         slider = self.page.locator(f'#live-{name}')
         enabled = slider.locator('[tabindex="0"]')
         frame = 'new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))'
-        before = slider.get_attribute('aria-valuenow')
 
-        def changed() -> bool:
-            enabled.press(key)
+        def done() -> bool:
+            present = float(slider.get_attribute('aria-valuenow'))
+            if math.isclose(present, value, abs_tol=1e-9):
+                return bool(reached())
+            enabled.press('ArrowRight' if present < value else 'ArrowLeft')
             self.js(frame)
-            return bool(slider.get_attribute('aria-valuenow') != before)
+            return False
 
-        until(changed, f'the slider {name} to follow {key}')
+        until(done, f'the slider {name} to be at {value:g}')
 
     def has_value(self, label: str, value: str) -> None:
         field = self.field(label)

@@ -9,6 +9,7 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 
 def test_a_bag_is_recorded_split_and_finished(visit, view):
     visit.tab('Bags')
+    before = {bag.path for bag in view.catalogue.bags()}
     visit.click('record')
     visit.answers('recording to ')
     visit.has_text('health', '● recorder: recording')
@@ -25,7 +26,8 @@ def test_a_bag_is_recorded_split_and_finished(visit, view):
     visit.answers('snapshot_duration of bag_recorder = 0')
     visit.click('record-stop')
     visit.answers('the bag is complete')
-    (bag,) = [bag for bag in view.catalogue.bags() if bag.name.startswith('recording_')]
+    (bag,) = [bag for bag in view.catalogue.bags() if bag.path not in before]
+    assert bag.name.startswith('recording_')
     visit.page.locator('.live-bag', has_text=bag.name).wait_for()
     assert visit.text('recording') == ''
     assert bag.lost == 0

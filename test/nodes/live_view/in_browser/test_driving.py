@@ -89,8 +89,8 @@ def test_a_sine_burst_is_sent_from_the_slider_with_the_phonon_band(at_rest, view
         'document.getElementById("live-frequency").style.background'
     )
     before = float(visit.field('frequency').input_value())
-    visit.press('frequency', 'ArrowRight')
     frequency = before + 0.5
+    visit.slide('frequency', frequency)
     visit.has_value('frequency', f'{frequency:g}')
     assert low < frequency < high
     visit.fill('cycles', 3)
@@ -112,12 +112,10 @@ def test_a_sine_burst_is_sent_from_the_slider_with_the_phonon_band(at_rest, view
 def test_the_slider_changes_the_motors_of_the_running_simulator(at_rest, view):
     visit, model = at_rest, view.chains['/'].model
     visit.tab('Drive')
-    visit.press('coupling', 'ArrowRight')
-    until(lambda: model.named.chain.non_reciprocity > 0, 'the motors')
+    visit.slide('coupling', 1e-5, lambda: model.named.chain.non_reciprocity > 0)
     kappa = model.named.chain.non_reciprocity
     visit.has_text('motors', f'κ = {kappa:.3g} N m/rad')
-    visit.press('coupling', 'ArrowLeft')
-    until(lambda: model.named.chain.non_reciprocity == 0, 'the end of the motors')
+    visit.slide('coupling', 0, lambda: model.named.chain.non_reciprocity == 0)
 
 
 def test_edge_commands_are_sent_with_their_times(visit, stage):
@@ -155,15 +153,11 @@ def test_edge_commands_are_sent_with_their_times(visit, stage):
 def test_the_slider_tilts_the_chain(visit, view, stage):
     received = stage.record(interfaces.TILT)
     visit.tab('Drive')
-    visit.press('tilt', 'ArrowRight')
-    until(lambda: received and received[-1].data == pytest.approx(0.005), 'the first step')
-    visit.press('tilt', 'ArrowRight')
-    until(lambda: received[-1].data == pytest.approx(0.01), 'the tilt')
-    visit.panel_has_text('now 0.010 rad')
-    visit.press('tilt', 'ArrowLeft')
-    until(lambda: received[-1].data == pytest.approx(0.005), 'a step back')
-    visit.press('tilt', 'ArrowLeft')
-    until(lambda: received[-1].data == pytest.approx(0.0), 'the tilt back')
+    for angle in (0.005, 0.01, 0.005, 0.0):
+        visit.slide(
+            'tilt', angle, lambda a=angle: received and received[-1].data == pytest.approx(a)
+        )
+        visit.panel_has_text(f'now {angle:.3f} rad')
 
 
 def test_the_simulation_is_paused_stepped_and_resumed_and_its_factor_is_set(visit, stage):

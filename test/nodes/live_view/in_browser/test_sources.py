@@ -27,6 +27,7 @@ def rig(stage, view):
 
 
 def test_a_source_stops_and_returns_with_another_number_of_rotors(visit, view, rig):
+    rig.go(6)
     visit.choose('chain', 'rig')
     visit.wait('live.watched === "/rig/" && live.shown && live.shown.rotors === 6')
     assert 'no topic chain' in visit.js('live.view.note()')
@@ -46,23 +47,24 @@ def test_a_source_stops_and_returns_with_another_number_of_rotors(visit, view, r
     visit.wait('live.shown.rotors === 9')
     visit.wait('document.getElementById("live-stale").hidden')
     visit.choose('chain', 'all side by side')
-    visit.wait('document.querySelectorAll(".live-tile").length === 2')
-    visit.wait('[...live.tiles.values()].every(({ view }) => view.frame.age < 0.5)')
+    visit.wait('["/", "/rig/"].every((name) => live.tiles.get(name)?.view.frame?.age < 0.5)')
     visit.page.locator('.live-tile[data-chain="/"]').click()
     visit.wait('live.watched === "/" && live.shown.rotors === 12')
 
 
-def test_encoders_with_an_actuator_are_driven_like_a_simulator(visit, rig, stage):
+def test_encoders_with_an_actuator_are_driven_like_a_simulator(visit, view, stage):
     named = NamedChain(Chain(number_of_rotors=9), default_joint_names(9))
     topic = interfaces.CHAIN
-    publisher = stage.user.create_publisher(topic.type, '/rig/chain', topic.qos)
+    publisher = stage.user.create_publisher(topic.type, '/arm/chain', topic.qos)
     publisher.publish(chain_to_msg(named, time_to_msg(0)))
-    stage.start(EdgeActuator, namespace='rig')
-    subscription = stage.subscribe(interfaces.ROTOR_IMPULSES, '/rig/')
+    stage.start(EdgeActuator, namespace='arm')
+    subscription = stage.subscribe(interfaces.ROTOR_IMPULSES, '/arm/')
     received = stage.record(interfaces.ROTOR_IMPULSES)
-    rig.go(9)
-    visit.choose('chain', 'rig')
-    visit.wait('live.watched === "/rig/" && live.shown.extensions.length === 8')
+    arm = Rig(stage, '/arm/')
+    arm.go(9)
+    until(lambda: '/arm/' in view.chains, 'the chain to be found')
+    visit.choose('chain', 'arm')
+    visit.wait('live.watched === "/arm/" && live.shown.extensions.length === 8')
     assert 'no topic chain' not in visit.js('live.view.note()')
     visit.tab('Run')
     visit.panel_has_text('only a simulator can do this')
@@ -72,6 +74,7 @@ def test_encoders_with_an_actuator_are_driven_like_a_simulator(visit, rig, stage
     stage.user.destroy_subscription(subscription)
     visit.choose('chain', 'chain')
     visit.wait('live.watched === "/" && live.shown.rotors === 12')
+    arm.close()
 
 
 def test_a_page_that_changes_the_chain_while_a_frame_is_pending_continues(visit, rig):
