@@ -73,6 +73,7 @@ def test_a_chain_that_changes_is_logged_once(graph, named, said):
     assert (
         "2 rotors (flipper, a = 0.1 m, r = 0.05 m, rest angle 0.97 rad), joints 'left'" in change
     )
+    assert 'the chain has changed (number_of_rotors, mass); it was a chain of 8 rotors' in change
 
 
 def test_a_message_that_describes_no_chain_changes_nothing(graph, named):

@@ -151,9 +151,12 @@ class ChainSource:
         if before is None:
             self._logger.info(text)
         else:
+            old, new = before.chain, self.named.chain
+            names = [f.name for f in fields(Chain) if getattr(old, f.name) != getattr(new, f.name)]
             self._logger.warning(
                 f'{text}, joints {self.named.joint_names[0]!r} to {self.named.joint_names[-1]!r}: '
-                f'the chain has changed; it was {describe_chain(before.chain)}'
+                f'the chain has changed ({", ".join(names) or "joints"}); '
+                f'it was {describe_chain(old)}'
             )
 
     def _set(self, named: NamedChain) -> None:
