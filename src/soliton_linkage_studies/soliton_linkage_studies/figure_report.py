@@ -142,8 +142,7 @@ class FigureReport:
 
     def save(self, folder: Path, name: str) -> None:
         """Write the figure as PNG and PDF, the caption as a text file and `rows` as CSV."""
-        for suffix in ('png', 'pdf'):
-            save_figure(self.figure, folder / f'{name}.{suffix}')
+        save_pictures(self.figure, folder, name)
         save_caption(self.caption, folder / f'{name}.txt')
         with (folder / f'{name}.csv').open('w', newline='', encoding='utf-8') as file:
             writer = csv.writer(file)
@@ -165,6 +164,16 @@ def save_page(report: FigureReport, folder: Path, name: str, table: str = 'table
     write_table({name: report.comparisons}, folder / table, [name])
     table = (folder / table).read_text(encoding='utf-8')
     return f'{table}\npage and table are in {folder}'
+
+
+def save_pictures(figure: Figure, folder: Path, name: str) -> list[Path]:
+    """Write a figure as PNG and PDF with the same layout, and return the paths."""
+    paths = [folder / f'{name}.{suffix}' for suffix in ('png', 'pdf')]
+    for path in paths:
+        save_figure(figure, path)
+        # To compute the layout takes as long as to draw.
+        figure.set_layout_engine('none')
+    return paths
 
 
 def save_figure(figure: Figure, path: Path) -> None:

@@ -116,11 +116,11 @@ def recorded(
 
 @pytest.mark.parametrize('most', [10_000, 500])
 def test_a_reset_of_the_chain_divides_the_record(most):
-    whole, _ = read(passage(FLIPPER, 400), 1, noise=0.003)
-    readings = recorded([whole[:250], whole], most).readings()
+    whole, _ = read(passage(FLIPPER, 200), 1, noise=0.003)
+    readings = recorded([whole[:125], whole], most).readings()
     first, second = readings.recordings
-    assert first.times[-1] < second.times[0] == pytest.approx(1.0)
-    assert first.angles[-1] == pytest.approx(whole[249])
+    assert first.times[-1] < second.times[0] == pytest.approx(0.5)
+    assert first.angles[-1] == pytest.approx(whole[124])
     assert second.angles[0] == pytest.approx(whole[0])
     found = identify(readings, FLIPPER)
     assert found.chain.rotor_lengths[1:-1] == pytest.approx(FLIPPER.rotor_lengths[1:-1], rel=0.02)

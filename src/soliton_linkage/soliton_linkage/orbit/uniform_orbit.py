@@ -310,15 +310,16 @@ class _ShortOrbit:
         return float(second[-1] if leg % 2 == 0 else first[0])
 
 
-_short_orbit = lru_cache(maxsize=16)(_ShortOrbit)
+_short_orbit = lru_cache(maxsize=64)(_ShortOrbit)
 
 
 def _short_chain(chain: Chain) -> Chain:
     """Return the shortest chain, up to `chain`, whose edges do not affect a wall in the middle."""
     depth = penetration_depth(chain) / chain.spacing
     beside = math.ceil(_DEPTHS_BESIDE * depth) + _ROTORS_BESIDE
-    fewest = 2 * beside + chain.number_of_rotors % 2
-    return replace(chain, number_of_rotors=min(chain.number_of_rotors, fewest))
+    rotors = min(chain.number_of_rotors, 2 * beside + chain.number_of_rotors % 2)
+    # Chains with other masses, springs or motors have the same orbit, which is then cached once.
+    return Chain(rotors, chain.spacing, chain.rotor_length, chain.rest_angle)
 
 
 def _closed_spline(pieces: list[_HalfLegs], middles: list[float]) -> BSpline:

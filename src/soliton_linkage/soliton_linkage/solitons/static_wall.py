@@ -21,7 +21,6 @@ from scipy.optimize import brentq
 from soliton_linkage.linear.bands import penetration_depth
 from soliton_linkage.linear.rigidity import mode_towards_last, rigidity_bands, zero_mode
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
-from soliton_linkage.linkage.deviations import NO_DEVIATIONS
 
 _DEPTHS_BESIDE = 19
 """Rotors are computed up to this distance from a wall [penetration depths]. Farther away, the
@@ -95,7 +94,7 @@ def site_arc(chain: Chain) -> float:
         >>> round(site_arc(chain) * chain.rotor_length / chain.spacing, 6)
         0.494867
     """
-    return _passage(_without_deviations(chain), 0, False).arc
+    return _passage(_shape(chain), 0, False).arc
 
 
 def check_transition(chain: Chain) -> None:
@@ -245,7 +244,7 @@ def _seed_angle(chain: Chain, seed: int, beyond: float, leg: int, inverted: bool
     elif inverted:
         leg = 1 - leg
     ahead = round(beyond)
-    passage = _passage(_without_deviations(chain), leg, (seed + ahead) % 2 == 1)
+    passage = _passage(_shape(chain), leg, (seed + ahead) % 2 == 1)
     angle = passage.angle(beyond - ahead, -ahead)
     return math.pi - angle if inverted else angle
 
@@ -269,9 +268,10 @@ def _symmetric_wall(chain: Chain, rotor: int, leg: int) -> Array:
     return angles_from_seed(chain, rotor, angle if upright else math.pi - angle, *branches)
 
 
-@lru_cache(maxsize=16)
-def _without_deviations(chain: Chain) -> Chain:
-    return replace(chain, number_of_rotors=3, periodic=False, deviations=NO_DEVIATIONS)
+@lru_cache(maxsize=64)
+def _shape(chain: Chain) -> Chain:
+    # Chains with other masses, springs or motors have the same walls, which are then cached once.
+    return Chain(3, chain.spacing, chain.rotor_length, chain.rest_angle)
 
 
 def _rotors_beside(chain: Chain) -> int:
@@ -311,4 +311,4 @@ class _SitePassage:
         return float(self._solution((beyond + 0.5) * self.arc)[self._rotor + other])
 
 
-_passage = lru_cache(maxsize=16)(_SitePassage)
+_passage = lru_cache(maxsize=64)(_SitePassage)

@@ -23,7 +23,7 @@ from matplotlib.ticker import LogLocator
 
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage_studies import palette
-from soliton_linkage_studies.figure_report import save_caption, save_figure
+from soliton_linkage_studies.figure_report import save_caption, save_pictures
 from soliton_linkage_studies.figures.disorder import score_interval
 from soliton_linkage_studies.measures import BLOCKED, Value
 from soliton_linkage_studies.program import study_command
@@ -361,9 +361,7 @@ def _run(options: argparse.Namespace) -> str:
     paths = [path]
     figure = sweep_figure(study, rows)
     if figure:
-        paths += [folder / f'{study.name}.{kind}' for kind in ('png', 'pdf')]
-        for each in paths[1:]:
-            save_figure(figure, each)
+        paths += save_pictures(figure, folder, study.name)
         save_caption(sweep_caption(study), folder / f'{study.name}.txt')
     failed = sum(bool(row['failure']) for row in rows)
     note = f'; {failed} rows have a failure' if failed else ''

@@ -96,7 +96,7 @@ def live_view(stage):
     folders = [str(stage.folder / 'bags'), str(BAGS)]
     # NiceGUI starts first, because its start calls gc.get_objects, which breaks a tuple that
     # another thread is building (SystemError).
-    made: LiveView = stage.start(LiveView, {'port': 0, 'bag_folders': folders, 'frame_rate': 10.0})
+    made: LiveView = stage.start(LiveView, {'port': 0, 'bag_folders': folders, 'frame_rate': 5.0})
     simulator = stage.start(Simulator, SIMULATED)
     stage.start(SolitonAnalyser)
     stage.start(EdgeActuator, {'state_timeout': 60.0})

@@ -141,7 +141,7 @@ class Visit:
 
     def open(self, browser: Browser) -> None:
         self.console: list[str] = []
-        # An animation is drawn 60 times per second, six times as often as the frames.
+        # An animation is drawn 60 times per second, twelve times as often as the frames.
         self._context = browser.new_context(
             viewport={'width': 1400, 'height': 1000}, reduced_motion='reduce', **self._options
         )

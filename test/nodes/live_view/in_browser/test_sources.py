@@ -1,5 +1,4 @@
 # SPDX-License-Identifier: Apache-2.0
-from typing import Any
 
 import pytest
 from live_stage import Rig
@@ -107,28 +106,3 @@ def test_ten_thousand_rotors_are_shown_in_groups(visit, stage):
     rig.close()
     visit.choose('chain', 'chain')
     visit.wait('live.shown.rotors === 12')
-
-
-def test_invalid_reports_do_not_end_the_page(visit, view, live_view, stage):
-    publisher = interfaces.DIAGNOSTICS.publisher(stage.user)
-    figures = ('moves begun', 'move to rotor', 'lost messages', 'gravity [m/s^2]', 'tilt [rad]')
-    pairs = [{'key': name, 'value': 'nonsense'} for name in figures]
-    until(
-        lambda: (
-            publisher.publish(report('/rig/soliton_steering', pairs))
-            or '/rig/soliton_steering' in view.finder.reports
-        ),
-        'the report',
-    )
-    before = visit.js('live.drawn')
-    visit.wait(f'live.drawn > {before + 5}')
-    assert live_view.server.failure is None
-    stage.user.destroy_publisher(publisher)
-
-
-def report(node: str, pairs: list[dict[str, str]]) -> Any:
-    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-
-    values = [KeyValue(**pair) for pair in pairs]
-    status = DiagnosticStatus(name=f'{node}: x', hardware_id=node, values=values)
-    return DiagnosticArray(status=[status])
