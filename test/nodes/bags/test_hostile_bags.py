@@ -135,7 +135,7 @@ def test_links_to_a_bag_and_within_it_are_followed(named, tmp_path):
 )
 def test_the_work_for_many_definitions_is_proportional_to_their_number(case, named, tmp_path):
     lines = []
-    for size in (50_000, 200_000):
+    for size in (20_000, 80_000):
         bag = write_hostile(case, tmp_path / f'hostile{size}', named, size)
         lines.append(0)
 

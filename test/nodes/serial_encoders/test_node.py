@@ -2,7 +2,6 @@
 import errno
 import math
 import os
-import sys
 import termios
 import time
 from pathlib import Path
@@ -297,10 +296,3 @@ def test_hang_up_decides_whether_closing_the_port_releases_dtr(graph, plugged, h
 def test_a_baud_rate_that_is_not_standard_causes_a_warning(graph, plugged, said, rate, warned):
     begin(graph, plugged(), baud_rate=rate)
     assert (f'baud_rate = {rate} is not a standard rate' in said()) is warned
-
-
-def test_an_error_in_one_line_names_the_missing_package(graph, monkeypatch):
-    monkeypatch.setitem(sys.modules, 'serial', None)
-    with pytest.raises(ValueError, match=r'need pyserial.*pip install pyserial') as raised:
-        graph.start(SerialEncoders)
-    assert '\n' not in str(raised.value)
