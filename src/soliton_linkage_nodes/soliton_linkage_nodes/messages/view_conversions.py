@@ -250,18 +250,13 @@ def adjustable_parameters(
     descriptors: Sequence[ParameterDescriptor], values: Sequence[ParameterValue]
 ) -> list[AdjustableParameter]:
     """Return adjustable parameters from their descriptors and their values in the same order."""
-    found = []
-    for descriptor, value in zip(descriptors, values, strict=False):
-        kind, field = _TYPES[descriptor.type]
-        known = AdjustableParameter(
-            descriptor.name,
-            kind.__name__,
-            getattr(value, field),
-            descriptor.description,
-            limits(descriptor),
+    return [
+        AdjustableParameter(
+            each.name, kind.__name__, getattr(value, field), each.description, limits(each)
         )
-        found.append(known)
-    return found
+        for each, value in zip(descriptors, values, strict=False)
+        for kind, field in [_TYPES[each.type]]
+    ]
 
 
 def parameter_value(parameter: AdjustableParameter, value: Any) -> ParameterValue:

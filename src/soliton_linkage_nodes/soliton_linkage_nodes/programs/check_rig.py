@@ -272,14 +272,11 @@ def main() -> None:
         finally:
             node.destroy_node()
         if found is not None:
-            _report(found, names, described, options.output)
+            for each in found.findings:
+                print(f'{each.verdict:9}{each.subject:9}{each.text}')
+            path: Path = options.output
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(rig_page(found, names, described), encoding='utf-8')
+            print(f'the report page is {path}')
             if not found.sound:
                 sys.exit(1)
-
-
-def _report(found: RigFindings, names: tuple[str, ...], chain: str, path: Path) -> None:
-    for each in found.findings:
-        print(f'{each.verdict:9}{each.subject:9}{each.text}')
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(rig_page(found, names, chain), encoding='utf-8')
-    print(f'the report page is {path}')

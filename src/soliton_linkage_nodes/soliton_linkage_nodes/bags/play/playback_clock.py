@@ -88,10 +88,7 @@ class PlaybackClock:
 
     def toggle(self) -> None:
         """Pause or resume."""
-        if self.paused:
-            self.resume()
-        else:
-            self.pause()
+        (self.resume if self.paused else self.pause)()
 
     def set_rate(self, rate: float) -> None:
         """Set the playback rate relative to the recording [1]."""

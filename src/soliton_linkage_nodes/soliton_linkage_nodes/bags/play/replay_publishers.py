@@ -81,7 +81,7 @@ class Lockstep:
         stamp = _stamp(message)
         if stamp == self._sent:
             return
-        self._wait(self._window - 1, stopped)
+        self.settle(stopped, self._window - 1)
         with self._changed:
             self._sent = stamp
             self._unanswered.append(stamp)
@@ -92,11 +92,8 @@ class Lockstep:
             self._unanswered.clear()
             self._sent = b''
 
-    def settle(self, stopped: Callable[[], bool]) -> None:
-        """Wait until all frames are answered or given up, or until `stopped()`."""
-        self._wait(0, stopped)
-
-    def _wait(self, most: int, stopped: Callable[[], bool]) -> None:
+    def settle(self, stopped: Callable[[], bool], most: int = 0) -> None:
+        """Wait until at most `most` frames are unanswered, or until `stopped()`."""
         with self._changed:
             left, since = len(self._unanswered), time.monotonic()
             while len(self._unanswered) > most and not stopped():

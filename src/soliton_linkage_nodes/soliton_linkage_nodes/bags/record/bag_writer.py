@@ -16,7 +16,7 @@ from rclpy.qos import QoSProfile
 
 from soliton_linkage_nodes.bags import metadata
 from soliton_linkage_nodes.bags.metadata import StoredFile
-from soliton_linkage_nodes.bags.storages.mcap_records import Bytes
+from soliton_linkage_nodes.bags.storages.mcap_records import CUSTOM_DATA, Bytes
 from soliton_linkage_nodes.bags.storages.mcap_writer import McapWriter
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic, profiles_text, type_definition
 from soliton_linkage_nodes.runtime.stamps import SECOND
@@ -245,7 +245,10 @@ class BagWriter:
     def _split_if_full(self, stamp: int) -> None:
         if self._begun is None:
             self._begun = stamp
-        elif self._is_full(stamp - self._begun):
+        elif (
+            0 < self._longest_file <= stamp - self._begun
+            or 0 < self._largest_file <= self._file.size
+        ):
             self._split()
             self._begun = stamp
 
@@ -265,7 +268,7 @@ class BagWriter:
         if self._custom_data != self._written_custom_data:
             self._custom_data_at = time.monotonic()
             self._written_custom_data = dict(self._custom_data)
-            self._file.write_custom_data(self._written_custom_data)
+            self._file.add_metadata(CUSTOM_DATA, self._written_custom_data)
 
     def _sync_file(self) -> None:
         self._synced_at = time.monotonic()
@@ -274,9 +277,6 @@ class BagWriter:
     def _sync_folder(self) -> None:
         for folder in (self.path, self.path.parent) if self._sync_interval else ():
             _sync(folder)
-
-    def _is_full(self, span: int) -> bool:
-        return 0 < self._longest_file <= span or 0 < self._largest_file <= self._file.size
 
     def _file_name(self) -> str:
         return f'{self.path.name}_{len(self._files)}{metadata.SUFFIXES[metadata.MCAP]}'

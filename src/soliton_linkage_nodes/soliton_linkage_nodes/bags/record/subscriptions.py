@@ -127,7 +127,8 @@ class TopicFinder:
     @property
     def appeared(self) -> bool:
         """Whether `find` may find new topics."""
-        new = self._regex is not None and self._names() != self._searched
+        names = self._regex and {name for name, _ in self._node.get_topic_names_and_types()}
+        new = self._regex is not None and names != self._searched
         return new or any(map(self._node.count_publishers, self.awaited))
 
     def find(self) -> list[RecordedSubscription]:
@@ -145,9 +146,6 @@ class TopicFinder:
             if publishers:
                 found += self._subscribe(name, types[0], [p.qos_profile for p in publishers])
         return found
-
-    def _names(self) -> set[str]:
-        return {name for name, _ in self._node.get_topic_names_and_types()}
 
     def _wanted(self, name: str) -> bool:
         excluded = self._exclude is not None and self._exclude.search(name)

@@ -102,13 +102,9 @@ class WritingThread:
     def flush(self) -> None:
         """Wait until all queued messages are passed to the operating system, at most 5 s."""
         written = threading.Event()
-
-        def write() -> None:
-            self.writer.flush()
-            written.set()
-
         if self.failure is None:
-            self.post(write)
+            self.post(self.writer.flush)
+            self.post(written.set)
             written.wait(_LONGEST_FLUSH)
 
     def close(self, custom_data: Mapping[str, str]) -> None:

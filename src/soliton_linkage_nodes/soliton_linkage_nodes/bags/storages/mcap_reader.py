@@ -72,7 +72,11 @@ class IndexedMcap:
             for _, opcode, body in mcap.records_in(self._data[summary : self._end]):
                 self._take_record(opcode, body)
             self._end = min(summary, self._end)
-        if self._stated is None or not self._is_defined(self._stated):
+        schemas = {channel.schema for channel in self._channels.values()} - {0}
+        is_defined = schemas <= self._schemas.keys()
+        if self._stated is None or not (
+            is_defined and self._stated.keys() <= self._channels.keys()
+        ):
             self._parts, self._after = [], {}
             self.counts = self._scan()
             starts = [part.start for part in self._parts]
@@ -97,10 +101,6 @@ class IndexedMcap:
         first = 0 if start is None else start
         last = LAST_STAMP if stop is None else stop - 1
         return (each for each in self._in_order(first, last) if each.topic in topics)
-
-    def _is_defined(self, counts: Collection[int]) -> bool:
-        schemas = {channel.schema for channel in self._channels.values()} - {0}
-        return set(counts) <= self._channels.keys() and schemas <= self._schemas.keys()
 
     def _take_record(self, opcode: int, body: Bytes) -> None:
         mcap.define(opcode, body, self._schemas, self._channels)

@@ -127,9 +127,11 @@ class McapWriter:
             self.counts[number] -= len(entries) // 2
         self._begin_chunk()
 
-    def write_custom_data(self, texts: Mapping[str, str]) -> None:
-        """Write custom data as a separate record, which is kept if the file is never closed."""
-        self._add_metadata(mcap.CUSTOM_DATA, texts)
+    def add_metadata(self, name: str, texts: Mapping[str, str]) -> None:
+        """Write a metadata record, which is kept if the file is never closed."""
+        record = mcap.metadata_record(name, texts)
+        self._append(record)
+        self._metadata.append((self._end - len(record), len(record), name))
 
     def copy_record(self, opcode: int, body: mcap.Bytes) -> None:
         """Copy an MCAP record from another file without changes, for example an attachment."""
@@ -144,7 +146,7 @@ class McapWriter:
     def close(self, metadata: str) -> None:
         """Write the pending messages, the bag's metadata and the index, and close the file."""
         self.flush()
-        self._add_metadata('rosbag2', {'serialized_metadata': metadata})
+        self.add_metadata('rosbag2', {'serialized_metadata': metadata})
         self._append(mcap.record(Opcode.DATA_END, bytes(4)) + self._summary())
         self._file.close()
 
@@ -159,11 +161,6 @@ class McapWriter:
             self._defined_at = time.monotonic()
             self._chunk.writelines(map(mcap.schema_record, self._schemas.values()))
             self._chunk.writelines(map(mcap.channel_record, self._channels.values()))
-
-    def _add_metadata(self, name: str, texts: Mapping[str, str]) -> None:
-        record = mcap.metadata_record(name, texts)
-        self._append(record)
-        self._metadata.append((self._end - len(record), len(record), name))
 
     def _summary(self) -> bytes:
         groups = {
