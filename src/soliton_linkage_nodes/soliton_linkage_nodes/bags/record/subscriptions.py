@@ -127,8 +127,9 @@ class TopicFinder:
     @property
     def appeared(self) -> bool:
         """Whether `find` may find new topics."""
-        names = self._regex and {name for name, _ in self._node.get_topic_names_and_types()}
-        new = self._regex is not None and names != self._searched
+        new = self._regex is not None and self._searched != {
+            name for name, _ in self._node.get_topic_names_and_types()
+        }
         return new or any(map(self._node.count_publishers, self.awaited))
 
     def find(self) -> list[RecordedSubscription]:

@@ -73,10 +73,8 @@ class IndexedMcap:
                 self._take_record(opcode, body)
             self._end = min(summary, self._end)
         schemas = {channel.schema for channel in self._channels.values()} - {0}
-        is_defined = schemas <= self._schemas.keys()
-        if self._stated is None or not (
-            is_defined and self._stated.keys() <= self._channels.keys()
-        ):
+        known = schemas <= self._schemas.keys()
+        if self._stated is None or not (known and self._stated.keys() <= self._channels.keys()):
             self._parts, self._after = [], {}
             self.counts = self._scan()
             starts = [part.start for part in self._parts]
