@@ -54,8 +54,11 @@ def analyse_frames(
         analysis.set_chain(given)
     decode_joints = _decoder(joints)
     chain_decoders = {topic.number: decoder(topic) for topic in topics[1:]}
-    impulses = _beside(reader, joints, interfaces.DELIVERED_IMPULSES)
-    deviations = _beside(reader, joints, interfaces.JOINT_STATE_DEVIATIONS)
+    namespace = joints.name.rpartition('/')[0]
+    impulses, deviations = (
+        [each for each in reader.topics if each.name == f'{namespace}/{topic.name}']
+        for topic in (interfaces.DELIVERED_IMPULSES, interfaces.JOINT_STATE_DEVIATIONS)
+    )
     deviation_decoders = {topic.number: _decoder(topic) for topic in deviations}
     rejections: Counter[str] = Counter()
     wanted = [*topics, *impulses, *deviations]
@@ -83,11 +86,6 @@ def analyse_frames(
     for name, count in rejections.items():
         if count > _MAX_LINES:
             print(f'rejected {name}: {count} in all', file=sys.stderr)
-
-
-def _beside(reader: BagReader, joints: StoredTopic, topic: interfaces.Topic) -> list[StoredTopic]:
-    name = f'{joints.name.rpartition("/")[0]}/{topic.name}'
-    return [each for each in reader.topics if each.name == name]
 
 
 def _decoder(topic: StoredTopic) -> Callable[[bytes], JointStates]:
