@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -66,8 +67,9 @@ _STIFFNESS_FACTORS = (1, 1 / 5, 5)
 """Initial stiffnesses that are tried, relative to the given stiffness [1]."""
 _TOLERANCE_CHANGE = 0.05
 """The tolerances have converged if an estimate changes them by at most this fraction [1]."""
-_SAMPLES = 4
-"""Number of samples of the posterior [1]; with fewer, the standard deviations are less certain."""
+_SAMPLES, _SAMPLED_ROTORS = 4, 80
+"""Largest number of samples of the posterior [1], and number of rotors in all samples together
+that is enough; with fewer, the standard deviations are less certain."""
 _SAMPLED_STEPS = 20
 """Largest number of steps of the fit of a sample [1]; 3 to 10 are usual."""
 _FITTING = 0.5
@@ -95,7 +97,7 @@ expected in this step, divided by the number of unknowns, is larger than this [1
 _SLOW = 0.5
 """After a step, the matrices are also computed again if the convergence is slow, that is, if the
 expected decrease is larger than this times the expected decrease in the previous step [1]."""
-_SHARES = 0.2, 0.35, 0.5, 0.75, 0.99
+_SHARES = 0.3, 0.55, 0.7, 0.8, 0.99
 """Fractions of the work that are done after each of five stages [1]: search for the initial
 stiffness, merging of windows, estimation of the tolerances, search for kicks, and samples."""
 _INITIAL_DAMPING = 0.1
@@ -217,26 +219,24 @@ class MotionFitter:
         """Return by how much -2 log likelihood decreases if a kick acts, for each of K kicks [1].
 
         `kicks` contains two frame numbers for each kick. The frames before the first number and
-        the frames from the second number on are fitted with separate initial states. The frames
-        between are not used.
+        the frames from the second number on have separate initial states. The frames between are
+        not used. The decrease is that of a linearised fit.
         """
         ends = np.linspace(*_SHARES[2:4], len(kicks) + 1).tolist()
         gains = []
-        for number, frames in enumerate(kicks):
-            self._stages.enter(*ends[number : number + 2])
+        for stage, frames in zip(pairwise(ends), kicks, strict=True):
+            self._stages.enter(*stage)
             gains.append(self._gain_by_kick(*frames))
         return gains
 
     def _gain_by_kick(self, before: int, after: int) -> float:
-        found = self._windows
+        found, gain = self._windows, 0.0
         self._windows = windows_around(found, self._record.times, before, after)
-        if len(self._windows) == len(found):
-            return 0.0
-        cost = self._cost(self._windows)[0]
-        self._improve(_STEPS, _COARSE * self._unknowns)
-        cost -= self._cost(self._windows)[0]
+        if len(self._windows) > len(found):
+            right = self._right(self._cost(self._windows)[1])
+            gain = float(right @ self._solver(self._equations(), 0.0)(right))
         self._windows = found
-        return cost
+        return gain
 
     def error_scores(self) -> tuple[Array, Array]:
         """Return the result of `encoder_errors.error_scores` for this fit."""
@@ -259,10 +259,9 @@ class MotionFitter:
         found, record, prior = self._windows, self._record, self._prior
         random, values = np.random.default_rng(0), prior.evaluate(self._motion)[1]
         samples = []
-        for number in range(_SAMPLES):
-            begin, end = _SHARES[3:]
-            ends = (begin + (end - begin) * each / _SAMPLES for each in (number, number + 1))
-            self._stages.enter(*ends)
+        ends = np.linspace(*_SHARES[3:], 1 + min(_SAMPLES, -(-_SAMPLED_ROTORS // self._rotors)))
+        for stage in pairwise(ends.tolist()):
+            self._stages.enter(*stage)
             noise = self._noise * record.deviations * random.standard_normal(record.readings.shape)
             self._record = record._replace(readings=record.readings + noise)
             self._prior = prior.sampled(found[0].motion, random)
@@ -389,14 +388,15 @@ class MotionFitter:
                 continue
             slow = bool(pairs) and expected > _SLOW * last
             far = expected > _FAR * self._unknowns
-            fresh = far or slow or not accepted or damping > _DAMPED
+            fresh = far or slow or not accepted
             last = expected
             previous, right = right, self._right(states)
             if fresh:
                 equations, pairs = self._equations(), []
-                solve = self._solver(equations, damping)
             elif step @ (previous - right) > 0:
                 pairs.append((step, previous - right))
+            if fresh or damping:
+                solve = self._solver(equations, damping)
 
     def _right(self, states: Sequence[Array]) -> Array:
         information, values = self._prior.evaluate(self._motion)

@@ -254,9 +254,11 @@ def reverse(step: float, works: Array, directs: Array, pull: Array, gradient: Ar
             if n < rotors - 1:
                 value += work[BELOW, n + 1] * torque[n + 2]
             after[0, n] = value
-        for row in range(5 * rotors):
-            for j in range(3):
-                gradient[row] += directs[stage, row, j] * torque[row % rotors + j]
+        for kind in range(5):
+            for n in range(rotors):
+                row = kind * rotors + n
+                for j in range(3):
+                    gradient[row] += directs[stage, row, j] * torque[n + j]
         for force in range(3):
             for n in range(rotors):
                 gradient[5 * rotors + force] += work[BY_DAMPING + force, n] * torque[n + 1]

@@ -25,9 +25,9 @@ _FEWEST_FRAMES = 30
 """Frames between two impulses are used only if there are at least this many."""
 ARRIVAL = 0.05
 """Largest delay between the command of an impulse and its effect [s]."""
-_MERGED = 4
-"""Largest number of windows that are merged at a time [1]; at 2x, the wall that the first motion
-predicts may be too far from the recorded one."""
+_MERGED = 2
+"""Largest number of windows that are merged at a time [1]. Sensitivity: at 2x, the motion of a
+merged window of a wobbling flipper fits so badly that its fit takes up to four times as long."""
 _LONGEST_WINDOW = 1600
 """Largest number of frames in a merged window; in longer windows, the fit is less linear."""
 _GAP = 8.0
