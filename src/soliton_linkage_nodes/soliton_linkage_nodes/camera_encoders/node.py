@@ -29,12 +29,8 @@ from soliton_linkage_nodes.messages.camera_measurement import (
     median_deviation,
     walls_on_overlay,
 )
-from soliton_linkage_nodes.messages.chain_source import (
-    CHAIN_PARAMETERS,
-    ChainSource,
-    ChainSourceParameters,
-)
-from soliton_linkage_nodes.messages.conversions import FRAME, NamedChain, chain_to_msg
+from soliton_linkage_nodes.messages.chain_source import CHAIN_SOURCE_PARAMETERS, ChainSource
+from soliton_linkage_nodes.messages.conversions import FRAME, NamedChain
 from soliton_linkage_nodes.messages.picture_conversions import (
     camera_from_msg,
     picture_from_compressed_msg,
@@ -44,7 +40,7 @@ from soliton_linkage_nodes.messages.picture_conversions import (
 )
 from soliton_linkage_nodes.messages.state_conversions import solitons_from_msg
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
+from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Increments, Report
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
 from soliton_linkage_nodes.runtime.parameters import current
 from soliton_linkage_nodes.runtime.process import run
@@ -97,12 +93,8 @@ class CameraEncoders(ManagedNode):
         CameraParameters: '',
         MarkerSettings: 'markers.',
         ManagedParameters: '',
-        ChainSourceParameters: '',
-        **CHAIN_PARAMETERS,
+        **CHAIN_SOURCE_PARAMETERS,
     }
-
-    def __init__(self, **kwargs: Any) -> None:
-        super().__init__('camera_encoders', **kwargs)
 
     @property
     def calibrated(self) -> bool:
@@ -125,16 +117,14 @@ class CameraEncoders(ManagedNode):
         self._closing = threading.Event()
         self._camera_thread: threading.Thread | None = None
         self._pictures, self._busy = 0, 0.0
-        self._reported = (time.monotonic(), 0, 0.0)
+        self._increments = Increments()
         self.diagnostics = Diagnostics(self, 'camera', self.reporting(self._report))
         self._angles = interfaces.JOINT_STATES.publisher(self)
         self._deviations = interfaces.JOINT_STATE_DEVIATIONS.publisher(self)
         self._overlay = interfaces.CAMERA_OVERLAY.publisher(self)
         StreamSubscription(self, interfaces.SOLITON_STATE, self._on_state, self.diagnostics)
         self._source = ChainSource(self, self.diagnostics, self._on_chain)
-        if self._source.parameters.chain_from == 'parameters' and self._named is not None:
-            stamp = self.get_clock().now().to_msg()
-            interfaces.CHAIN.publisher(self).publish(chain_to_msg(self._named, stamp))
+        self._source.publish_parameters()
         self._pictures_name = self._subscribe_to_pictures()
         self.get_logger().info(f'measuring {self._source.description} in {self._pictures_name}')
 
@@ -245,13 +235,10 @@ class CameraEncoders(ManagedNode):
             )
 
     def _report(self) -> Report:
-        now = time.monotonic()
-        before, pictures_before, busy_before = self._reported
-        self._reported = (now, self._pictures, self._busy)
-        new = self._pictures - pictures_before
+        seconds, new, busy = self._increments.take(self._pictures, self._busy)
         values: dict[str, Any] = {
-            'rate [Hz]': new / (now - before),
-            'time per picture [ms]': 1e3 * (self._busy - busy_before) / max(new, 1),
+            'rate [Hz]': new / seconds,
+            'time per picture [ms]': 1e3 * busy / max(new, 1),
             'pictures': self._pictures,
             'calibrated': self.calibrated,
         }

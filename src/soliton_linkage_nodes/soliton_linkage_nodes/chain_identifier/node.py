@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from rclpy.clock import Clock, ClockType
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
@@ -97,9 +96,6 @@ class ChainIdentifier(ManagedNode):
 
     PARAMETERS: ClassVar[dict[type, str]] = {ChainIdentifierParameters: '', ManagedParameters: ''}
 
-    def __init__(self, **kwargs: Any) -> None:
-        super().__init__('chain_identifier', **kwargs)
-
     def configure(self) -> None:
         """Create the publisher, the subscriptions, the services and the timers."""
         settings = self.settings = current(self, ChainIdentifierParameters)
@@ -136,10 +132,9 @@ class ChainIdentifier(ManagedNode):
         self.create_service(Trigger, '~/identify', self._on_identify)
         self.create_service(Trigger, '~/save', self._on_save)
         self.create_service(Trigger, '~/forget', self._on_forget)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(_POLL_PERIOD, self._publish_result, clock=steady)
+        self.create_timer(_POLL_PERIOD, self._publish_result)
         if settings.interval:
-            self.create_timer(settings.interval, self._start_identification, clock=steady)
+            self.create_timer(settings.interval, self._start_identification)
         frames = self.resolve_topic_name(interfaces.JOINT_STATES.name)
         self.get_logger().info(f'recording {frames} to identify its chain')
 

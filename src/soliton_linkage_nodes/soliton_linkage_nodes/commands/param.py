@@ -14,7 +14,7 @@ from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters
 from rclpy.parameter import get_parameter_value, parameter_value_to_python
 
 from soliton_linkage_nodes.commands.visitor import Verbs, Visitor, full_name
-from soliton_linkage_nodes.runtime.parameter_values import LARGEST_INTEGER, rejection
+from soliton_linkage_nodes.runtime.parameters import LARGEST_INTEGER, rejection
 
 
 def main(arguments: list[str]) -> int:

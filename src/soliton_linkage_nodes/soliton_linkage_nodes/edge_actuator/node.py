@@ -12,7 +12,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from rclpy.clock import Clock, ClockType
 
 from soliton_linkage.actuation.actuators import actuator_type
 from soliton_linkage.actuation.chain_driver import ChainDriver
@@ -121,8 +120,7 @@ class EdgeActuator(ManagedNode):
             assemble=self._assembler.add,
         )
         self._busy_until = -math.inf
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(_POLL_INTERVAL, self._poll, clock=steady)
+        self.create_timer(_POLL_INTERVAL, self._poll)
 
     def _counting(self, source: str, take: Callable[[str, Any], None]) -> Callable[[Any], None]:
         def carry_out(message: Any) -> None:

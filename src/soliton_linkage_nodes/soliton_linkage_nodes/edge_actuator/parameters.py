@@ -12,7 +12,7 @@ from soliton_linkage.actuation.actuators import ACTUATORS
 from soliton_linkage.actuation.edge_command import CommandKind
 from soliton_linkage.linear.rigidity import Edge
 from soliton_linkage.linkage.quantities import quantity
-from soliton_linkage_nodes.messages.chain_source import CHAIN_PARAMETERS, ChainSourceParameters
+from soliton_linkage_nodes.messages.chain_source import CHAIN_SOURCE_PARAMETERS
 from soliton_linkage_nodes.runtime.managed import ManagedParameters
 from soliton_linkage_nodes.runtime.parameters import declare
 
@@ -66,8 +66,7 @@ PARAMETERS: dict[type, str] = {
     EdgeActuatorParameters: '',
     ManagedParameters: '',
     **dict.fromkeys(ACTUATORS.values(), ''),
-    ChainSourceParameters: '',
-    **CHAIN_PARAMETERS,
+    **CHAIN_SOURCE_PARAMETERS,
 }
 """Dataclasses with the node's parameters, and the prefix of the parameter names of each class."""
 

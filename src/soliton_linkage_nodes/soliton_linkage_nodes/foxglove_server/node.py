@@ -9,10 +9,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from rclpy.clock import Clock, ClockType
-
 from soliton_linkage.linkage.quantities import quantity
-from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
+from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Increments, Report
 from soliton_linkage_nodes.runtime.guarded import GuardedNode
 from soliton_linkage_nodes.runtime.parameters import declare, reject_unknown
 from soliton_linkage_nodes.runtime.process import run
@@ -61,9 +59,8 @@ class FoxgloveServer(GuardedNode):
         address, reject = (settings.host, settings.port), self.diagnostics.reject
         self.serving = Serving(self, address, settings.read_only, self._queued.put, reject)
         self._searched = 0.0
-        self._reported = (time.monotonic(), 0)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(_PERIOD, self._tick, clock=steady)
+        self._increments = Increments()
+        self.create_timer(_PERIOD, self._tick)
         self.get_logger().info(f'open {self.address} in Foxglove or Lichtblick')
         if settings.host not in _LOOPBACK and not settings.read_only:
             self.get_logger().warning(
@@ -90,16 +87,14 @@ class FoxgloveServer(GuardedNode):
         self.serving.poll(searching)
 
     def _report(self) -> Report:
-        now = time.monotonic()
-        before, sent_before = self._reported
         outgoing = self.serving.outgoing
-        self._reported = (now, outgoing.sent)
+        seconds, sent = self._increments.take(outgoing.sent)
         wanted = sum(topic.subscribed for topic in outgoing.topics.values())
         figures = {
             'address': self.address,
             'topics': len(outgoing.topics),
             'topics with clients': wanted,
-            'messages sent [1/s]': (outgoing.sent - sent_before) / (now - before),
+            'messages sent [1/s]': sent / seconds,
             'messages from clients': self.serving.published,
         }
         return Report(f'{wanted} of {len(outgoing.topics)} topics have clients', figures)

@@ -17,7 +17,7 @@ from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage_nodes.live_view.chain_topics import ChainFinder
 from soliton_linkage_nodes.live_view.stream import BrowserStream
 from soliton_linkage_nodes.live_view.view import View
-from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
+from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Increments, Report
 from soliton_linkage_nodes.runtime.guarded import GuardedNode
 from soliton_linkage_nodes.runtime.parameters import declare, reject_unknown
 from soliton_linkage_nodes.runtime.process import run
@@ -82,7 +82,7 @@ class LiveView(GuardedNode):
         self.view = View(self, finder, folders, logs, settings.read_only)
         self.streams: set[BrowserStream] = set()
         self._busy = 0.0
-        self._reported = (time.monotonic(), 0, 0.0)
+        self._increments = Increments()
         self._sent_before = 0
         self.diagnostics = Diagnostics(self, 'page', self._report)
         self._serve()
@@ -143,10 +143,8 @@ class LiveView(GuardedNode):
         return 1 / self.settings.frame_rate if self.streams else _IDLE_PERIOD
 
     def _report(self) -> Report:
-        now = time.monotonic()
-        before, sent_before, busy_before = self._reported
-        sent = self._sent_before + sum(stream.sent for stream in self.streams)
-        self._reported = (now, sent, self._busy)
+        total = self._sent_before + sum(stream.sent for stream in self.streams)
+        seconds, sent, busy = self._increments.take(total, self._busy)
         browsers = len(self.streams)
         return Report(
             f'{browsers} browser{"" if browsers == 1 else "s"} connected',
@@ -154,8 +152,8 @@ class LiveView(GuardedNode):
                 'address': f'http://{self.settings.host}:{self.port}/',
                 'browsers': browsers,
                 'chains': ' '.join(self.view.chains),
-                'frames sent [1/s]': (sent - sent_before) / (now - before),
-                'fraction of time for messages [1]': (self._busy - busy_before) / (now - before),
+                'frames sent [1/s]': sent / seconds,
+                'fraction of time for messages [1]': busy / seconds,
                 'frames in transit': sum(stream.pending for stream in self.streams),
             },
         )

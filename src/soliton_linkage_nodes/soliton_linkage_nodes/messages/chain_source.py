@@ -22,6 +22,7 @@ from soliton_linkage_msgs import msg
 from soliton_linkage_nodes.messages.conversions import (
     NamedChain,
     chain_from_msg,
+    chain_to_msg,
     check_names,
     default_joint_names,
 )
@@ -68,6 +69,7 @@ CHAIN_PARAMETERS: dict[type, str] = {
     Disorder: 'chain.disorder.',
     KnownEncoders: 'chain.encoders.',
 }
+CHAIN_SOURCE_PARAMETERS: dict[type, str] = {ChainSourceParameters: '', **CHAIN_PARAMETERS}
 
 
 def declare_chain(node: Node) -> NamedChain:
@@ -116,7 +118,7 @@ class ChainSource:
         """Read the parameters or subscribe to `chain`; ValueError if a parameter is invalid."""
         self.named: NamedChain | None = None
         self._subscription: StreamSubscription | None = None
-        self._logger = node.get_logger()
+        self._node, self._logger = node, node.get_logger()
         self._topic = node.resolve_topic_name(interfaces.CHAIN.name)
         self._callback = on_chain
         self.parameters = declare(node, parameters)
@@ -136,6 +138,12 @@ class ChainSource:
             return describe_chain(self.named.chain)
         known = self.parameters.chain_from == 'topic'
         return f'the chain of {self._topic}' if known else 'an unknown chain'
+
+    def publish_parameters(self) -> None:
+        """Publish the chain on `chain` if parameters describe it."""
+        if self.parameters.chain_from == 'parameters' and self.named is not None:
+            stamp = self._node.get_clock().now().to_msg()
+            interfaces.CHAIN.publisher(self._node).publish(chain_to_msg(self.named, stamp))
 
     def resubscribe(self) -> None:
         """Subscribe again, so that the latched chain of a new publisher is received."""

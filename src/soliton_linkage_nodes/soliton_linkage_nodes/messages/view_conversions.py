@@ -19,7 +19,7 @@ from soliton_linkage.linkage.quantities import Quantity
 from soliton_linkage_msgs import msg
 from soliton_linkage_msgs.action import MoveSoliton
 from soliton_linkage_msgs.srv import Reset, Step
-from soliton_linkage_nodes.runtime.parameter_values import (
+from soliton_linkage_nodes.runtime.parameters import (
     LARGEST_INTEGER,
     limits,
     type_complaint,

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import wraps
+from itertools import zip_longest
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -71,6 +72,22 @@ class Report:
     warning: bool = False
 
 
+class Increments:
+    """Increase of counters from one report to the next."""
+
+    def __init__(self) -> None:
+        self._before: tuple[Any, ...] = (time.monotonic(),)
+
+    def take(self, *counts: float) -> list[Any]:
+        """Return the time [s], and the increase of each counter, since the previous call.
+
+        Before the first call, all counters are 0.
+        """
+        before, self._before = self._before, (time.monotonic(), *counts)
+        pairs = zip_longest(self._before, before, fillvalue=0)
+        return [now - earlier for now, earlier in pairs]
+
+
 class Diagnostics:
     """Publisher of a node's report once a second. It also counts rejected inputs and failures.
 
@@ -85,7 +102,7 @@ class Diagnostics:
         self._node = node
         self._task = task
         self._report = report
-        self._rejected_before = self._failed_before = 0
+        self._increments = Increments()
         self._last_rejection = self._last_failure = ''
         # The log throttle of rclpy takes 0.7 ms per message, because it determines the line of
         # code that called it.
@@ -138,8 +155,7 @@ class Diagnostics:
         values |= {'rejected': self.rejected, 'last rejection': self._last_rejection}
         if self.failed:
             values |= {'failed': self.failed, 'last failure': self._last_failure}
-        rejected, self._rejected_before = self.rejected - self._rejected_before, self.rejected
-        failed, self._failed_before = self.failed - self._failed_before, self.failed
+        _, rejected, failed = self._increments.take(self.rejected, self.failed)
         level, message = DiagnosticStatus.OK, '; '.join(concerns) or report.message
         if report.warning or concerns or rejected:
             level = DiagnosticStatus.WARN

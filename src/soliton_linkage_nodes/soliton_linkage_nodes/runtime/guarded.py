@@ -3,20 +3,20 @@
 
 from __future__ import annotations
 
-import difflib
 import traceback
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import wraps
 from pathlib import Path
 from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
-from soliton_linkage_nodes.runtime.parameter_values import rejection
+from soliton_linkage_nodes.runtime.parameters import rejection, unknown_parameter
 
 SERVICE_QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 """Quality of service of services. The default queue of 10 would lose simultaneous responses."""
@@ -28,13 +28,6 @@ def describe_error(error: BaseException) -> str:
     frames = traceback.extract_tb(error.__traceback__)
     where = f' ({Path(frames[-1].filename).name}:{frames[-1].lineno})' if frames else ''
     return f'{type(error).__name__}: {" ".join(str(error).split())}{where}'
-
-
-def unknown_parameter(node: Node, name: str, known: Iterable[str]) -> str:
-    """Return the error message for a parameter `name` that is not among the `known` ones."""
-    near = difflib.get_close_matches(name, list(known), n=1)
-    remedy = f'did you mean {near[0]!r}?' if near else f'known: {", ".join(sorted(known))}'
-    return f'parameter {name!r} of {node.get_name()} is unknown; {remedy}'
 
 
 class GuardedNode(Node):
@@ -77,7 +70,7 @@ class GuardedNode(Node):
     def create_timer(
         self, timer_period_sec: float, callback: Callable[[], Any], *args: Any, **kwargs: Any
     ) -> Any:
-        """Create a timer that logs an exception of the callback."""
+        """Create a timer, by default of a steady clock, that logs an exception of the callback."""
         guarded = self.guarded('run a timer', callback)
         timer: Any = None
 
@@ -86,7 +79,8 @@ class GuardedNode(Node):
             if timer is None or timer in self.timers:
                 guarded()
 
-        timer = super().create_timer(timer_period_sec, act, *args, **kwargs)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        timer = super().create_timer(timer_period_sec, act, *args, **{'clock': steady, **kwargs})
         return timer
 
     def create_service(

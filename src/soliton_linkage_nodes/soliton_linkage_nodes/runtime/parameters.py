@@ -1,10 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Declaration of ROS parameters from the fields of dataclasses, with unit and range."""
+"""Declaration of ROS parameters from dataclasses, and reasons to reject values."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+import difflib
+import math
+from array import array
+from collections.abc import Iterable, Mapping, Sequence
+from types import NoneType
 from typing import Any, TypeVar, cast, get_type_hints
 from weakref import WeakSet
 
@@ -18,13 +22,6 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from soliton_linkage.linkage.quantities import Quantity, described_fields
-from soliton_linkage_nodes.runtime.guarded import unknown_parameter
-from soliton_linkage_nodes.runtime.parameter_values import (
-    LARGEST_INTEGER,
-    LISTS,
-    convert,
-    type_complaint,
-)
 
 Parameters = TypeVar('Parameters')
 
@@ -35,6 +32,20 @@ _TYPES: dict[Any, Parameter.Type] = {
     str: Parameter.Type.STRING,
     tuple[str, ...]: Parameter.Type.STRING_ARRAY,
     tuple[float, ...]: Parameter.Type.DOUBLE_ARRAY,
+}
+_LISTS = (Parameter.Type.STRING_ARRAY, Parameter.Type.DOUBLE_ARRAY)
+LARGEST_INTEGER = 2**63 - 1
+"""Largest integer parameter, which ROS stores as int64."""
+_EXAMPLES = {
+    Parameter.Type.BOOL: 'true or false',
+    Parameter.Type.INTEGER: 'a whole number such as 20',
+    Parameter.Type.DOUBLE: 'a number such as 1.0',
+    Parameter.Type.STRING: 'a text',
+    Parameter.Type.BYTE_ARRAY: 'a list of bytes',
+    Parameter.Type.BOOL_ARRAY: 'a list of true or false',
+    Parameter.Type.INTEGER_ARRAY: 'a list of whole numbers such as [1, 2]',
+    Parameter.Type.STRING_ARRAY: 'a list of texts',
+    Parameter.Type.DOUBLE_ARRAY: 'a list of numbers such as [1.0, 0.5]',
 }
 _SHARED = 'chain.'
 _CONVERTING: WeakSet[Node] = WeakSet()
@@ -97,6 +108,55 @@ def overrides(node: Node) -> Mapping[str, Parameter]:
     return given
 
 
+def unknown_parameter(node: Node, name: str, known: Iterable[str]) -> str:
+    """Return the error message for a parameter `name` that is not among the `known` ones."""
+    near = difflib.get_close_matches(name, list(known), n=1)
+    remedy = f'did you mean {near[0]!r}?' if near else f'known: {", ".join(sorted(known))}'
+    return f'parameter {name!r} of {node.get_name()} is unknown; {remedy}'
+
+
+def _convert(kind: Parameter.Type, value: Any) -> Any:
+    """Convert integers to floats, and sequences or None to lists, if the type `kind` needs it."""
+    if kind in _LISTS and isinstance(value, (NoneType, list, tuple, array)):
+        elements = list(value or ())
+        whole = all(type(element) is int for element in elements)
+        if kind is Parameter.Type.DOUBLE_ARRAY and whole:
+            return [float(element) for element in elements]
+        return elements
+    return float(value) if kind is Parameter.Type.DOUBLE and type(value) is int else value
+
+
+def type_complaint(kind: Parameter.Type, value: Any) -> str:
+    """Return '' if a value has the type `kind`, otherwise a text such as 'must be a text'."""
+    fits = kind.check(value) and (kind is Parameter.Type.BOOL or not isinstance(value, bool))
+    return '' if fits else f'must be {_EXAMPLES[kind]}'
+
+
+def limits(descriptor: ParameterDescriptor) -> Quantity:
+    """Return the range and choices in a parameter's descriptor; an unlimited end becomes None."""
+    ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
+    ends = (ranges[0].from_value, ranges[0].to_value) if ranges else (math.inf, math.inf)
+    low, high = (each if abs(each) < LARGEST_INTEGER else None for each in ends)
+    text = descriptor.type == Parameter.Type.STRING.value
+    choices = descriptor.additional_constraints if text else ''
+    return Quantity('', '', low, high, tuple(filter(None, choices.split(', '))))
+
+
+def rejection(descriptor: ParameterDescriptor, value: Any) -> str:
+    """Return the reason why a parameter cannot have a value, and a remedy; '' if it can."""
+    name, kind = descriptor.name, Parameter.Type(descriptor.type)
+    if descriptor.read_only:
+        return (
+            f'parameter {name} is read-only while its node runs; start the node with '
+            f'-p {name}:={value}'
+        )
+    if descriptor.dynamic_typing or kind is Parameter.Type.NOT_SET:
+        return ''
+    converted = _convert(kind, value)
+    complaint = type_complaint(kind, converted) or limits(descriptor).complaint(converted)
+    return f'parameter {name} = {value!r} {complaint}; set another value' if complaint else ''
+
+
 def type_name(kind: Any) -> str:
     """Return the name of the ROS parameter type of a Python type."""
     return _TYPES[kind].name.lower()
@@ -140,18 +200,18 @@ def _convert_change(node: Node, change: Parameter) -> Parameter:
     if not node.has_parameter(change.name) or change.type_ is Parameter.Type.NOT_SET:
         return change
     kind = Parameter.Type(node.describe_parameter(change.name).type)
-    value = convert(kind, change.value)
+    value = _convert(kind, change.value)
     return Parameter(change.name, kind, value) if kind.check(value) else change
 
 
 def _declare_one(node: Node, name: str, kind: Any, default: Any, described: Quantity) -> Any:
     type_, override = _TYPES[kind], overrides(node).get(name)
-    value = default if override is None else convert(type_, override.value)
+    value = default if override is None else _convert(type_, override.value)
     complaint = type_complaint(type_, value) or described.complaint(value)
     if complaint:
         raise ValueError(f'parameter {name} of {node.get_name()} = {value!r} {complaint}')
     descriptor = _descriptor(type_, described)
-    if type_ in LISTS:
+    if type_ in _LISTS:
         # rclpy infers the type of a list from the elements. For an empty list, this fails.
         node.declare_parameter(name, type_, ignore_override=True)
         node.set_parameters([Parameter(name, type_, list(value))])
@@ -162,7 +222,7 @@ def _declare_one(node: Node, name: str, kind: Any, default: Any, described: Quan
 
 
 def _field_value(type_: Parameter.Type, value: Any) -> Any:
-    return tuple(value) if type_ in LISTS else value
+    return tuple(value) if type_ in _LISTS else value
 
 
 def _descriptor(type_: Parameter.Type, described: Quantity) -> ParameterDescriptor:

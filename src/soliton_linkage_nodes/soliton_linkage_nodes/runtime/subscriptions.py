@@ -8,14 +8,13 @@ from dataclasses import replace
 from functools import partial, wraps
 from typing import Any
 
-from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import QoSSubscriptionEventType, SubscriptionEventCallbacks
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
-from soliton_linkage_nodes.runtime.diagnostics import Diagnostics
+from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Increments
 from soliton_linkage_nodes.runtime.guarded import GuardedNode
 from soliton_linkage_nodes.runtime.interfaces import Topic
 from soliton_linkage_nodes.runtime.sequences import Lag, SequenceGaps, StreamArbitration
@@ -243,9 +242,8 @@ class StreamSubscription:
         self._adaptive = AdaptiveSubscription(node, topic, _with_info(self._take_with_info), raw)
         self._publishers: list[str] = []
         self._unsettled = True
-        self._lost_before = self._skipped_before = 0
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._timer = node.create_timer(_POLL_PERIOD, self._poll, clock=steady)
+        self._increments = Increments()
+        self._timer = node.create_timer(_POLL_PERIOD, self._poll)
         diagnostics.monitors.append(self._watch)
 
     def resubscribe(self) -> None:
@@ -324,8 +322,7 @@ class StreamSubscription:
     def _watch(self) -> tuple[str, Mapping[str, Any]]:
         name = self._topic.name
         total = self._arbitration.lost
-        lost, self._lost_before = total - self._lost_before, total
-        skipped, self._skipped_before = self.skipped - self._skipped_before, self.skipped
+        _, lost, skipped = self._increments.take(total, self.skipped)
         figures = {
             f'publishers of {name}': len(self._publishers),
             f'{name} of others': self._arbitration.foreign,
@@ -367,7 +364,7 @@ class CountedSubscription:
         self._gaps = SequenceGaps()
         self._take = take
         self._topic, self._raw = topic, raw
-        self._lost_before = 0
+        self._increments = Increments()
         self._subscription = node.create_subscription(
             topic.type, topic.name, _with_info(self._take_with_info), topic.qos, raw=raw
         )
@@ -387,7 +384,7 @@ class CountedSubscription:
         self._take(message)
 
     def _watch(self) -> tuple[str, Mapping[str, Any]]:
-        lost, self._lost_before = self._gaps.lost - self._lost_before, self._gaps.lost
+        _, lost = self._increments.take(self._gaps.lost)
         concern = (
             f'{lost} messages of {self._subscription.topic_name} were lost, because this node '
             'was stopped or too slow'

@@ -7,9 +7,8 @@ import math
 import threading
 import time
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
-from rclpy.clock import Clock, ClockType
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
@@ -21,20 +20,15 @@ from soliton_linkage.microcontroller.rotary_encoders import (
     AngleStream,
     RotaryEncoders,
 )
-from soliton_linkage_nodes.messages.chain_source import (
-    CHAIN_PARAMETERS,
-    ChainSource,
-    ChainSourceParameters,
-)
+from soliton_linkage_nodes.messages.chain_source import CHAIN_SOURCE_PARAMETERS, ChainSource
 from soliton_linkage_nodes.messages.conversions import (
     FRAME,
     NamedChain,
-    chain_to_msg,
     impulses_to_msg,
     torques_from_msg,
 )
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, LogThrottle, Report
+from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Increments, LogThrottle, Report
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
 from soliton_linkage_nodes.runtime.parameters import current
 from soliton_linkage_nodes.runtime.process import run
@@ -80,15 +74,6 @@ class SerialEncodersParameters:
     )
 
 
-class _LineCounts(NamedTuple):
-    bytes: int = 0
-    frames: int = 0
-    corrupted: int = 0
-    lost: int = 0
-    restarts: int = 0
-    jumps: int = 0
-
-
 class SerialEncoders(ManagedNode):
     """Node that publishes the angles of a microcontroller and sends torques to its valves.
 
@@ -104,12 +89,8 @@ class SerialEncoders(ManagedNode):
         RotaryEncoders: 'encoders.',
         ValveParameters: 'valves.',
         ManagedParameters: '',
-        ChainSourceParameters: '',
-        **CHAIN_PARAMETERS,
+        **CHAIN_SOURCE_PARAMETERS,
     }
-
-    def __init__(self, **kwargs: Any) -> None:
-        super().__init__('serial_encoders', **kwargs)
 
     def configure(self) -> None:
         """Read the parameters, and create publishers and subscriptions."""
@@ -125,19 +106,16 @@ class SerialEncoders(ManagedNode):
         self._named: NamedChain | None = None
         self._port: ReopenedPort | None = None
         self._bytes, self._stamp = 0, 0
-        self._counts, self._reported_at = _LineCounts(), time.monotonic()
+        self._increments = Increments()
         self.diagnostics = Diagnostics(self, 'serial line', self.reporting(self._report))
         self._restarts = LogThrottle(self.get_logger().warning, _WARNING_PERIOD)
         self._take = self.diagnostics.guarded('frame', self._on_frame)
         self._angles = interfaces.JOINT_STATES.publisher(self)
         self._impulses = interfaces.DELIVERED_IMPULSES.publisher(self)
         self._source = ChainSource(self, self.diagnostics, self._on_chain)
-        if self._source.parameters.chain_from == 'parameters' and self._named is not None:
-            stamp = self.get_clock().now().to_msg()
-            interfaces.CHAIN.publisher(self).publish(chain_to_msg(self._named, stamp))
+        self._source.publish_parameters()
         rate = current(self, ValveParameters, 'valves.').command_rate
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._command_timer = self.create_timer(1 / rate, self._repeat_command, clock=steady)
+        self._command_timer = self.create_timer(1 / rate, self._repeat_command)
         self._command_timer.cancel()
         take_torques = self.diagnostics.guarded('rotor_torques', self._on_torques)
         CountedSubscription(self, interfaces.ROTOR_TORQUES, take_torques, self.diagnostics)
@@ -294,34 +272,35 @@ class SerialEncoders(ManagedNode):
         if self.stream is None or self.valves is None:
             return Report('waiting for the topic chain', warning=True)
         decoder, clock, port = self.decoder, self.stream.clock, self.settings.port
-        received = self._bytes, decoder.frames, decoder.corrupted, self.stream.lost
-        now = _LineCounts(*received, clock.restarts, clock.jumps)
-        new = _LineCounts(*(a - b for a, b in zip(now, self._counts, strict=True)))
-        begin, self._reported_at, self._counts = self._reported_at, time.monotonic(), now
+        counts = decoder.frames, decoder.corrupted, self.stream.lost, clock.restarts, clock.jumps
+        increments = self._increments.take(self._bytes, *counts)
+        seconds, chunk, frames, corrupted, lost, restarts, jumps = increments
         values: dict[str, Any] = {
-            'rate [Hz]': new.frames / max(self._reported_at - begin, 1e-9),
-            'frames': now.frames,
-            'frames lost': now.lost,
-            'frames corrupted': now.corrupted,
-            'restarts of the controller': now.restarts,
-            'jumps of the clock of the controller': now.jumps,
+            'rate [Hz]': frames / max(seconds, 1e-9),
+            'frames': decoder.frames,
+            'frames lost': self.stream.lost,
+            'frames corrupted': decoder.corrupted,
+            'restarts of the controller': clock.restarts,
+            'jumps of the clock of the controller': clock.jumps,
             'commands to the valves': self.valves.commands,
             'drift of the controller [ppm]': 1e6 * clock.drift,
             'delay [s]': clock.delay,
         }
         if not math.isnan(clock.scatter):
             values['uncertainty of stamps [s]'] = clock.scatter
-        if not new.frames:
+        if not frames:
             silent = f'waiting for frames on {port}'
-            noise = f'{new.bytes} bytes without a frame on {port}; check baud_rate and protocol'
-            return Report(noise if new.bytes else silent, values, warning=True)
-        warnings = [f'{new.lost} frames were lost'] if new.lost > 0 else []
-        if new.corrupted:
-            warnings.append(f'{new.corrupted} frames were corrupted: {decoder.complaint}')
-        if new.restarts:
-            warnings.append(f'the clock of the controller restarted, {now.restarts} times in all')
-        if new.jumps:
-            warnings.append(f'the clock of the controller jumped, {now.jumps} times in all')
+            noise = f'{chunk} bytes without a frame on {port}; check baud_rate and protocol'
+            return Report(noise if chunk else silent, values, warning=True)
+        warnings = [f'{lost} frames were lost'] if lost > 0 else []
+        if corrupted:
+            warnings.append(f'{corrupted} frames were corrupted: {decoder.complaint}')
+        if restarts:
+            warnings.append(
+                f'the clock of the controller restarted, {clock.restarts} times in all'
+            )
+        if jumps:
+            warnings.append(f'the clock of the controller jumped, {clock.jumps} times in all')
         if clock.delay > _LONGEST_DELAY:
             warnings.append(
                 f'frames are {clock.delay:.2g} s late; check the load of the machine, and that '

@@ -4,13 +4,11 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from rclpy.clock import Clock, ClockType
 from rclpy.parameter import Parameter
 from std_msgs.msg import Float64
 
@@ -23,7 +21,7 @@ from soliton_linkage.solitons.passage import Obstacle, find_obstacles
 from soliton_linkage_nodes.messages.cdr import ImpulseDecoder, TorqueDecoder, read_stamp
 from soliton_linkage_nodes.messages.chain_source import declare_chain, describe_chain
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
+from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Increments, Report
 from soliton_linkage_nodes.runtime.managed import ManagedNode
 from soliton_linkage_nodes.runtime.pacing import PacedLoop
 from soliton_linkage_nodes.runtime.parameters import current, make_adjustable
@@ -88,8 +86,7 @@ class Simulator(ManagedNode):
         self.get_logger().info(describe_simulation(chain, settings))
         if self._obstacles:
             self.get_logger().warning(describe_obstacles(self._obstacles))
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._start_timer = self.create_timer(_POLL_INTERVAL, self._begin, clock=steady)
+        self._start_timer = self.create_timer(_POLL_INTERVAL, self._begin)
         self._start_timer.cancel()
 
     def activate(self) -> None:
@@ -232,17 +229,15 @@ class SimulationReport:
         self._drift_limit = settings.energy_drift_limit
         self._complain = complain
         self._logged = ''
-        self._before = (time.monotonic(), 0, 0)
+        self._increments = Increments()
 
     def __call__(self, world: Mapping[str, Any]) -> Report:
         """Return the present report. The named values `world` are added to its values."""
         status, punctuality = self._control.status, self._loop.punctuality
-        now = time.monotonic()
-        before, frames_before, missed_before = self._before
-        self._before = (now, status.frames, punctuality.missed)
-        rate = (status.frames - frames_before) / (now - before)
-        late = 0 if status.paused else punctuality.missed - missed_before
-        overdue = (now - before) * min(self._loop.rate, self._publish_rate) > _FRAMES_OVERDUE
+        seconds, frames, late = self._increments.take(status.frames, punctuality.missed)
+        rate = frames / seconds
+        late = 0 if status.paused else late
+        overdue = seconds * min(self._loop.rate, self._publish_rate) > _FRAMES_OVERDUE
         slow = not status.paused and not rate and overdue
         message, fault = self._message(status, late, slow)
         if fault and fault != self._logged:

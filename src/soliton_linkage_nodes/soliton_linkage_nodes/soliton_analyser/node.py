@@ -11,7 +11,6 @@ from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
-from rclpy.clock import Clock, ClockType
 
 from soliton_linkage.estimation.analyser import Analyser
 from soliton_linkage.estimation.analysis import Analysis, FrameAnalyser
@@ -29,7 +28,7 @@ from soliton_linkage_nodes.messages.frames import EncoderMonitor, SerializedFram
 from soliton_linkage_nodes.messages.joint_state_analysis import JointStateAnalysis
 from soliton_linkage_nodes.messages.state_conversions import events_to_msgs, state_to_msg
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
+from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Increments, Report
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
 from soliton_linkage_nodes.runtime.parameters import current
 from soliton_linkage_nodes.runtime.process import run
@@ -97,9 +96,6 @@ class SolitonAnalyser(ManagedNode):
         **CHAIN_PARAMETERS,
     }
 
-    def __init__(self, **kwargs: Any) -> None:
-        super().__init__('soliton_analyser', **kwargs)
-
     def configure(self) -> None:
         """Read the parameters, and create the publishers and the subscriptions."""
         self.waiting: deque[tuple[Callable[[bytes], None], bytes]] = deque()
@@ -108,7 +104,7 @@ class SolitonAnalyser(ManagedNode):
         self._frames = 0
         self._reported_absent = False
         self._busy = 0.0
-        self._reported = (time.monotonic(), 0, 0.0)
+        self._increments = Increments()
         self.diagnostics = Diagnostics(self, 'analysis', self.reporting(self._report))
         settings = self.settings = current(self, AnalyserParameters)
         self._whole = interfaces.lossless_stream_qos()
@@ -146,9 +142,8 @@ class SolitonAnalyser(ManagedNode):
             on_takeover=self._source.resubscribe,
             parts=SerializedFrames().parts,
         )
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._waiting_since: int | None = None
-        self.create_timer(_LONGEST_ASSEMBLY, self._end_assembly, clock=steady)
+        self.create_timer(_LONGEST_ASSEMBLY, self._end_assembly)
         name = self.resolve_topic_name(frames.name)
         self.get_logger().info(f'analysing {name} of {self._source.description}')
 
@@ -235,13 +230,10 @@ class SolitonAnalyser(ManagedNode):
             )
 
     def _report(self) -> Report:
-        now = time.monotonic()
-        before, frames_before, busy_before = self._reported
-        self._reported = (now, self._frames, self._busy)
-        fresh = self._frames - frames_before
+        seconds, fresh, busy = self._increments.take(self._frames, self._busy)
         values: dict[str, Any] = {
-            'rate [Hz]': fresh / (now - before),
-            'time per frame [ms]': 1e3 * (self._busy - busy_before) / max(fresh, 1),
+            'rate [Hz]': fresh / seconds,
+            'time per frame [ms]': 1e3 * busy / max(fresh, 1),
             'frames': self._frames,
             'subscribers': self._publisher.get_subscription_count(),
             **self._stamps.figures(),

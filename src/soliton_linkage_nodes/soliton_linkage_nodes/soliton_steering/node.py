@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from rclpy.action import CancelResponse
 from rclpy.action.server import ServerGoalHandle
-from rclpy.clock import Clock, ClockType
 from std_srvs.srv import Trigger
 
 from soliton_linkage.linkage.chain import Array
@@ -24,11 +23,7 @@ from soliton_linkage.steering.steering import MoveResult, Outcome, Steering, Wal
 from soliton_linkage.steering.torque_allocation import TorqueAllocation
 from soliton_linkage_msgs.action import MoveSoliton
 from soliton_linkage_nodes.messages.cdr import JointStateDecoder, TorqueBuffer, publish_buffer
-from soliton_linkage_nodes.messages.chain_source import (
-    CHAIN_PARAMETERS,
-    ChainSource,
-    ChainSourceParameters,
-)
+from soliton_linkage_nodes.messages.chain_source import CHAIN_SOURCE_PARAMETERS, ChainSource
 from soliton_linkage_nodes.messages.conversions import Frame, NamedChain, frame_from_msg
 from soliton_linkage_nodes.messages.frames import EncoderMonitor, SerializedFrames
 from soliton_linkage_nodes.runtime import interfaces
@@ -63,8 +58,7 @@ class SolitonSteeringParameters:
 PARAMETERS: dict[type, str] = {
     SolitonSteeringParameters: '',
     ManagedParameters: '',
-    ChainSourceParameters: '',
-    **CHAIN_PARAMETERS,
+    **CHAIN_SOURCE_PARAMETERS,
 }
 """Dataclasses with the parameters of the node, and the prefixes of the parameter names."""
 
@@ -189,8 +183,7 @@ class SolitonSteering(ManagedNode):
         )
         self._joint_states.dispatch(False)
         self.create_service(Trigger, '~/release', self._on_release)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._watch = self.create_timer(_POLL_INTERVAL, self._on_watch, clock=steady)
+        self._watch = self.create_timer(_POLL_INTERVAL, self._on_watch)
         joints = f'{len(self.settings.actuated_joints) or "all"} joints'
         self.get_logger().info(f'steering the soliton of {source.description} by {joints}')
 

@@ -8,19 +8,14 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import rclpy
-from rclpy.clock import Clock, ClockType
 from std_msgs.msg import String
 
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage.linkage.urdf import JointLimits, robot_description
-from soliton_linkage_nodes.messages.chain_source import (
-    CHAIN_PARAMETERS,
-    ChainSource,
-    ChainSourceParameters,
-)
+from soliton_linkage_nodes.messages.chain_source import CHAIN_SOURCE_PARAMETERS, ChainSource
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
+from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Increments, Report
 from soliton_linkage_nodes.runtime.guarded import GuardedNode
 from soliton_linkage_nodes.runtime.parameters import declare, reject_unknown
 from soliton_linkage_nodes.runtime.process import run
@@ -63,8 +58,7 @@ class Visualisation(GuardedNode):
     PARAMETERS: ClassVar[dict[type, str]] = {
         VisualisationParameters: '',
         JointLimits: 'limits.',
-        ChainSourceParameters: '',
-        **CHAIN_PARAMETERS,
+        **CHAIN_SOURCE_PARAMETERS,
     }
 
     def __init__(self, **kwargs: Any) -> None:
@@ -88,12 +82,11 @@ class Visualisation(GuardedNode):
             KymographPublisher(interfaces.KYMOGRAPH.publisher(self), length, rate),
         )
         self._busy, self._rest_until, self._searched = 0.0, 0.0, 0.0
-        self._reported = (time.monotonic(), 0.0)
+        self._increments = Increments()
         self.diagnostics = Diagnostics(self, 'drawing', self._report)
         self._source = ChainSource(self, self.diagnostics, self._on_chain)
         reject_unknown(self)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(1 / settings.marker_rate, self._draw, clock=steady)
+        self.create_timer(1 / settings.marker_rate, self._draw)
         self.get_logger().info(f'drawing {self._source.description} for subscribers')
 
     def _on_chain(self, named: NamedChain) -> None:
@@ -125,15 +118,14 @@ class Visualisation(GuardedNode):
         self._rest_until = begin + min(took / _MOST_BUSY, took + _LONGEST_REST)
 
     def _report(self) -> Report:
-        now = time.monotonic()
-        before, busy_before = self._reported
-        self._reported = (now, self._busy)
+        published = (drawing.published for drawing in self._drawings)
+        seconds, busy, *new = self._increments.take(self._busy, *published)
         values: dict[str, Any] = {
             'frames': self.observed.frames,
-            'share of time drawing': (self._busy - busy_before) / (now - before),
+            'share of time drawing': busy / seconds,
         }
-        for drawing in self._drawings:
-            values[f'{drawing.name} [Hz]'] = drawing.count_since() / (now - before)
+        for drawing, messages in zip(self._drawings, new, strict=True):
+            values[f'{drawing.name} [Hz]'] = messages / seconds
             values[f'{drawing.name}: subscribers'] = drawing.publisher.get_subscription_count()
         if self.observed.named is None:
             return Report('waiting for the topic chain', values, warning=True)

@@ -141,18 +141,12 @@ class DrawingPublisher:
 
     def __init__(self, publisher: Publisher) -> None:
         self.publisher = publisher
-        self._published = self._counted = 0
+        self.published = 0
         self._subscribers = 0
         self._drawn = -1
 
     def set_chain(self, named: NamedChain) -> None:
         """Set the chain that is drawn, and discard the drawing of the previous chain."""
-
-    def count_since(self) -> int:
-        """Return the number of messages published since the previous call."""
-        fresh = self._published - self._counted
-        self._counted = self._published
-        return fresh
 
     def _wanted(self, number: int) -> bool:
         """Return whether there are subscribers that have not received drawing number `number`."""
@@ -165,7 +159,7 @@ class DrawingPublisher:
 
     def _publish(self, message: object) -> None:
         self.publisher.publish(message)
-        self._published += 1
+        self.published += 1
 
 
 class MarkerPublisher(DrawingPublisher):
