@@ -35,8 +35,6 @@ REPORT_TIMEOUT = 3.5
 s."""
 _SEARCH_INTERVAL = 0.5
 """Time between two searches of the graph [s]; a search takes about 1 ms."""
-_MOST_REPORTS = 200
-"""Largest number of diagnostics messages that one call of `update` processes [1]."""
 _PAIRED = 200
 """Largest number of frames waiting for states, and of states waiting for frames [1]."""
 _SILENCE = 0.5
@@ -312,10 +310,7 @@ class ChainFinder:
         """Process the newest messages of all chains, and search periodically for more chains."""
         for chain in list(self.chains.values()):
             chain.update()
-        for _ in range(_MOST_REPORTS):
-            message = self._diagnostics.newest()
-            if message is None:
-                break
+        for message, _ in self._diagnostics.waiting():
             for report in reports_from_msg(message):
                 self.reports[report.node] = (time.monotonic(), report)
                 if 'missed deadlines' in report.figures:

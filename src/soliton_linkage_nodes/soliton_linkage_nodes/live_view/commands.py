@@ -18,9 +18,8 @@ from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 from soliton_linkage_msgs.action import MoveSoliton
-from soliton_linkage_msgs.msg import LastKick
 from soliton_linkage_msgs.srv import Reset, Step
-from soliton_linkage_nodes.live_view.chain_topics import ChainFinder
+from soliton_linkage_nodes.live_view.chain_topics import ChainFinder, ChainTopics
 from soliton_linkage_nodes.live_view.moves import UNDER_WAY, Move, await_end
 from soliton_linkage_nodes.live_view.pulling import Pull
 from soliton_linkage_nodes.messages import view_conversions as views
@@ -110,8 +109,7 @@ class ChainCommands:
 
     async def nudge(self, speed: float) -> str:
         """Nudge the edge with `speed` [rad/s]."""
-        message = views.number_to_msg(speed)
-        return await self._actuate('nudge', lambda: self._publish_edge('nudge', message))
+        return await self._send('nudge', views.number_to_msg(speed))
 
     async def drive(
         self, kind: str, edge: str, value: float, times: tuple[float, float, float], **wave: Any
@@ -123,14 +121,12 @@ class ChainCommands:
         """
         message = views.edge_command_of(kind, edge, value, *times, **wave)
         lasting = any(times) or bool(wave)
-        return await self._actuate(
-            'edge_command', lambda: self._publish_edge('edge_command', message), lasting
-        )
+        return await self._send('edge_command', message, lasting)
 
     async def pull(self, pull: Pull, updated: Callable[[], Awaitable[None]]) -> str:
         """Release a held soliton, and pull a rotor while `pull.held`; `updated` awaits a frame."""
         self.check_writable()
-        chain = self._finder.chains.get(self.namespace)
+        chain = self._chain
         named = chain.model.named if chain else None
         if chain is None or named is None:
             raise ValueError('the chain is unknown: no node publishes the topic chain')
@@ -213,7 +209,7 @@ class ChainCommands:
         answer = await self._call_own('soliton_steering/release', Trigger.Request())
         self.holding = False
         self._forget_move()
-        chain = self._finder.chains.get(self.namespace)
+        chain = self._chain
         speed = chain.model.numbers.get('velocity', 0.0) if chain else 0.0
         spacing = chain.model.named.chain.spacing if chain and chain.model.named else 1.0
         moves = abs(speed) > _MOVES * spacing
@@ -330,22 +326,29 @@ class ChainCommands:
             raise ValueError(f'no node serves {name}')
         return await self._result_of(lambda: client.call_async(request))
 
+    @property
+    def _chain(self) -> ChainTopics | None:
+        return self._finder.chains.get(self.namespace)
+
+    @property
+    def _kicks(self) -> int:
+        return self._chain.kicks if self._chain else 0
+
     def _report(self, node: str) -> NodeReport | None:
         return self._finder.reports.get(f'{self.namespace}{node}', (0.0, None))[1]
 
-    def _kicks(self) -> tuple[int, LastKick | None]:
-        chain = self._finder.chains.get(self.namespace)
-        return (chain.kicks, chain.kick) if chain else (0, None)
+    async def _send(self, topic: str, message: Any, lasting: bool = False) -> str:
+        async def act() -> None:
+            self._publish(topic, message, 'edge_actuator')
 
-    async def _publish_edge(self, topic: str, message: Any) -> None:
-        self._publish(topic, message, 'edge_actuator')
+        return await self._actuate(topic, act, lasting)
 
     async def _actuate(
         self, topic: str, act: Callable[[], Awaitable[None]], lasting: bool = False
     ) -> str:
         # Send one command at a time, so that each answer belongs to its command.
         async with self._edge:
-            before, kicks = self._report('edge_actuator'), self._kicks()[0]
+            before, kicks = self._report('edge_actuator'), self._kicks
             await act()
             sent_at = time.monotonic()
 
@@ -353,9 +356,8 @@ class ChainCommands:
                 report = self._report('edge_actuator')
                 if rejection := _new_rejection(before, report, topic):
                     raise ValueError(f'edge_actuator rejected the command: {rejection}')
-                count, kick = self._kicks()
-                if kick is not None and count > kicks:
-                    return views.describe_kick(kick)
+                if self._chain and self._chain.kick and self._kicks > kicks:
+                    return views.describe_kick(self._chain.kick)
                 if not lasting and time.monotonic() < sent_at + _ACCEPTED_TIME:
                     return None
                 earlier, now = (

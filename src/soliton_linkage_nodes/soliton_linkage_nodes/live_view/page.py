@@ -12,7 +12,6 @@ from typing import Any
 from fastapi import FastAPI
 from nicegui import ui
 
-from soliton_linkage_nodes.live_view.commands import READ_ONLY
 from soliton_linkage_nodes.live_view.controls.bag_controls import BagControls, RecordControls
 from soliton_linkage_nodes.live_view.controls.drive_controls import (
     DriveControls,
@@ -46,8 +45,6 @@ class LessonControls:
                 button('Try it', action, 'science', f'live-try-{number}', number == 1, long=True)
 
     async def _carry_out(self, experiment: GuidedExperiment, answer: ui.label) -> str:
-        if self._view.read_only:
-            raise ValueError(READ_ONLY)
         if self._running:
             raise ValueError('another experiment is running; wait for its answer')
         self._running, answer.text = True, 'measuring …'
@@ -234,8 +231,7 @@ class Page:
         if namespace != ALL and namespace not in self._view.chains:
             return
         self.namespace = namespace
-        if self._chooser.value != namespace:
-            self._chooser.value = namespace
+        self._chooser.value = namespace
         ui.run_javascript(f'live.watch({namespace!r})')
 
     def _refresh(self) -> None:

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 from soliton_linkage_nodes.bags.guards import load_json
 from soliton_linkage_nodes.live_view.chain_model import MOST_ANGLES
 from soliton_linkage_nodes.live_view.chain_topics import ChainTopics
-from soliton_linkage_nodes.live_view.commands import READ_ONLY
 from soliton_linkage_nodes.live_view.frame_layout import (
     ARRAYS,
     ENERGIES,
@@ -39,8 +38,6 @@ _MOST_TILE_ANGLES = 200
 
 async def carry_out(view: View, name: str, arguments: Mapping[str, Any]) -> str:
     """Carry out an action from the canvas, and return the answer; ValueError if it is rejected."""
-    if view.read_only:
-        raise ValueError(READ_ONLY)
     namespace = str(arguments.get('chain', ''))
     if namespace not in view.chains:
         raise ValueError(f'no node publishes joint_states of the chain {namespace!r}')

@@ -29,8 +29,6 @@ _FRESH = 1.0
 """Solitons are drawn if their stamp and the stamp of the angles differ by less than this [s]."""
 _SILENT = 3.0
 """A report that is older than this is not shown [s]. Nodes report once per second."""
-_MOST_REPORTS = 100
-"""Largest number of messages of `/diagnostics` that one call of `take` reads [1]."""
 _LEVELS = ('OK', 'WARN', 'ERROR', 'STALE')
 
 
@@ -97,10 +95,7 @@ class ObservedChain:
             self._walls, self.state_stamp = walls_from_msg(state), state.header.stamp
             self.numbers = state_numbers(state)
             self.states += 1
-        for _ in range(_MOST_REPORTS):
-            message = self._diagnostics.newest()
-            if message is None:
-                break
+        for message, _ in self._diagnostics.waiting():
             for report in reports_from_msg(message):
                 self._reports[report.node] = (time.monotonic(), report)
         self._kick = self._kicks.newest() or self._kick

@@ -178,6 +178,33 @@ export function axes(canvas, look, { x, y, left = 62, bottom = 26, xLabel = '', 
   return { toX, toY, left, top, w, h };
 }
 
+// Draws inside the box of some axes only.
+export function clipped(c, { left, top, w, h }, paint) {
+  c.save();
+  c.beginPath();
+  c.rect(left, top, w, h);
+  c.clip();
+  paint();
+  c.restore();
+}
+
+// Draws the track of a soliton in a kymograph.
+export function trackLine(c, points) {
+  line(c, points, '#ffffff', 5);
+  line(c, points, '#000000', 2.2);
+}
+
+// Returns the unit for some series of energies [J], its power of ten and the top of the axis. The
+// axis ends at 1.15 times the largest value, or at 1.15 times `least` [J] if that is larger.
+export function energyScale(allSeries, least) {
+  let largest = least;
+  allSeries.forEach((series) => series.forEach((value) => { if (value > largest) largest = value; }));
+  largest *= 1.15;
+  const power = Math.min(0, 3 * Math.floor(Math.log10(largest) / 3));
+  const unit = { 0: 'J', '-3': 'mJ', '-6': 'µJ', '-9': 'nJ', '-12': 'pJ' }[power] || 'J';
+  return { unit, power, top: largest / 10 ** power };
+}
+
 export function setText(element, text) {
   if (element.textContent !== text) element.textContent = text;
 }

@@ -2,7 +2,9 @@
 // Plots beside the chain: lean, kymograph, cycle, energies, topology and the time line.
 
 import { triangle } from './chain.js';
-import { Canvas, REST, axes, finite, leanColour, leanPixel, line, theme, uncertain } from './drawing.js';
+import {
+  Canvas, REST, axes, clipped, energyScale, finite, leanColour, leanPixel, line, theme, trackLine, uncertain,
+} from './drawing.js';
 import { SPAN, Track, solitonsOf } from './frames.js';
 
 const NO_STATE = 'no recent soliton_state; start soliton_analyser if it does not run';
@@ -11,31 +13,38 @@ const NO_JOINTS = 'waiting for joint_states';
 const [LEFT, RIGHT] = [62, 10]; // margins of the time line [pixels]
 const SMALL = '14px system-ui, sans-serif';
 
-// Returns the reason why no state is drawn.
-function noState({ status, conflict }) {
-  return conflict || (status && status.replay ? NO_RECORDED_STATE : NO_STATE);
-}
-
 // Returns whether the analyser published until the time of the frame, and no other node mixes its
 // messages with those of the chain.
 function analysed(frame, { conflict }) { return frame.state_age - frame.age < 2 && !conflict; }
 
+// Returns the reason why no state is drawn, or ''.
+function noState(frame, chain) {
+  if (analysed(frame, chain)) return '';
+  return chain.conflict || (chain.status && chain.status.replay ? NO_RECORDED_STATE : NO_STATE);
+}
+
+// A subclass draws with paint(), unless reason() returns why the plot is empty.
 class Plot {
   constructor(element) { this.canvas = new Canvas(element); }
 
-  note() { return ''; }
+  draw(frame, chain, track) {
+    const look = theme();
+    const reason = this.reason(frame, chain, track);
+    if (reason) this.canvas.showReason(look, reason);
+    else this.paint(this.canvas.begin(), look, frame, chain, track);
+  }
 }
 
 export class LeanPlot extends Plot {
-  draw(frame, chain) {
-    const { canvas } = this;
-    const look = theme();
+  reason(frame, { conflict }) {
+    return conflict || (frame.rotors && frame.overview.length ? '' : NO_JOINTS);
+  }
+
+  paint(c, look, frame, chain) {
     const n = frame.overview.length;
-    if (chain.conflict || !frame.rotors || !n) { canvas.showReason(look, chain.conflict || NO_JOINTS); return; }
-    const c = canvas.begin();
     const largest = chain.rest_lean ? Math.max(1.3 * chain.rest_lean, 1.05 * chain.longest_rotor) : 1.1;
     const unit = chain.rest_lean ? 1e3 : 1;
-    const { toX, toY, top, h } = axes(canvas, look, {
+    const { toX, toY, top, h } = axes(this.canvas, look, {
       x: [-0.5, frame.rotors - 0.5], y: [-largest * unit, largest * unit], xLabel: 'rotor n', yLabel: chain.rest_lean ? 'u [mm]' : 'sin φ',
     });
     c.fillStyle = look.red;
@@ -76,7 +85,7 @@ export class Kymograph extends Plot {
   }
 
   // Draws new columns into the ring buffer.
-  paint(track, lean) {
+  fill(track, lean) {
     const { buffer } = this;
     const context = buffer.getContext('2d', { willReadFrequently: false });
     if (track.whole || buffer.height !== track.height || this.track !== track || this.lean !== lean) {
@@ -99,31 +108,24 @@ export class Kymograph extends Plot {
     });
   }
 
-  draw(frame, chain, track) {
-    const { canvas } = this;
-    const look = theme();
-    this.paint(track, chain.lean);
-    const empty = !track.height || !Number.isFinite(track.newest);
-    if (chain.conflict || empty) { canvas.showReason(look, chain.conflict || NO_JOINTS); return; }
-    const c = canvas.begin();
-    const { toX, toY, left, top, w, h } = axes(canvas, look, {
+  reason(frame, { conflict, lean }, track) {
+    this.fill(track, lean);
+    return conflict || (track.height && Number.isFinite(track.newest) ? '' : NO_JOINTS);
+  }
+
+  paint(c, look, frame, chain, track) {
+    const box = axes(this.canvas, look, {
       x: [-SPAN, 0], y: [-0.5, frame.rotors - 0.5], xLabel: 'time [s]', yLabel: 'rotor n',
       yFormat: (n) => (Number.isInteger(n) ? String(n) : ''),
     });
+    const { toX, toY, left, top, w, h } = box;
     const newest = track.at(track.newest) + 1;
     const older = Track.columns - newest;
     const middle = (w * older) / Track.columns;
     c.imageSmoothingEnabled = false;
     if (older) c.drawImage(this.buffer, newest, 0, older, track.height, left, top, middle, h);
     c.drawImage(this.buffer, 0, 0, newest, track.height, left + middle, top, w - middle, h);
-    const points = track.points(track.positions, toX, toY);
-    c.save();
-    c.beginPath();
-    c.rect(left, top, w, h);
-    c.clip();
-    line(c, points, '#ffffff', 5);
-    line(c, points, '#000000', 2.2);
-    c.restore();
+    clipped(c, box, () => trackLine(c, track.points(track.positions, toX, toY)));
   }
 
   note(frame, chain) {
@@ -133,11 +135,10 @@ export class Kymograph extends Plot {
 }
 
 export class Dial extends Plot {
-  draw(frame, chain) {
+  reason(frame, chain) { return noState(frame, chain); }
+
+  paint(c, look, frame, chain) {
     const { canvas } = this;
-    const look = theme();
-    if (!analysed(frame, chain)) { canvas.showReason(look, noState(chain)); return; }
-    const c = canvas.begin();
     const legs = chain.motion === 'spinner' ? 2 : 4;
     const radius = Math.max(30, Math.min(canvas.width / 2 - 62, canvas.height / 2 - 14));
     const [x, y] = [canvas.width / 2, canvas.height / 2];
@@ -179,28 +180,21 @@ export class Dial extends Plot {
 }
 
 export class EnergyPlot extends Plot {
-  draw(frame, chain, track) {
-    const { canvas } = this;
-    const look = theme();
-    if (chain.conflict) { canvas.showReason(look, chain.conflict); return; }
-    if (!chain.spacing) { canvas.showReason(look, 'energies are unknown: no node publishes the topic chain'); return; }
-    const c = canvas.begin();
-    let largest = 1e-9;
-    track.energies.forEach((series) => series.forEach((value) => { if (value > largest) largest = value; }));
-    largest *= 1.15;
-    const power = Math.min(0, 3 * Math.floor(Math.log10(largest) / 3));
-    this.power = power;
-    this.unit = { 0: 'J', '-3': 'mJ', '-6': 'µJ', '-9': 'nJ', '-12': 'pJ' }[power] || 'J';
-    const { toX, toY, left, top, w, h } = axes(canvas, look, {
-      x: [-SPAN, 0], y: [0, largest / 10 ** power], xLabel: 'time [s]', yLabel: `E [${this.unit}]`,
+  reason(frame, { conflict, spacing }) {
+    return conflict || (spacing ? '' : 'energies are unknown: no node publishes the topic chain');
+  }
+
+  paint(c, look, frame, chain, track) {
+    const scale = energyScale(track.energies, 1e-9);
+    Object.assign(this, scale);
+    const { unit, power, top } = scale;
+    const box = axes(this.canvas, look, {
+      x: [-SPAN, 0], y: [0, top], xLabel: 'time [s]', yLabel: `E [${unit}]`,
     });
+    const { toX, toY } = box;
     const colours = [look.blue, look.red, look.ink, look.purple];
     // Noise can make estimates of small energies negative. The legend is in plots.html.
-    c.save();
-    c.beginPath();
-    c.rect(left, top, w, h + 2);
-    c.clip();
-    track.energies.forEach((series, i) => {
+    clipped(c, { ...box, h: box.h + 2 }, () => track.energies.forEach((series, i) => {
       const points = track.points(series, toX, (value) => toY(value / 10 ** power));
       c.setLineDash(i > 1 ? [3, 3] : []);
       line(c, points, colours[i], 2);
@@ -209,8 +203,7 @@ export class EnergyPlot extends Plot {
       c.globalAlpha = 0.4;
       if (i < 2) line(c, points.filter(([, y]) => Number.isFinite(y)), colours[i], 1);
       c.globalAlpha = 1;
-    });
-    c.restore();
+    }));
   }
 
   title(chain) { return this.unit && chain.spacing ? `Energy [${this.unit}]` : 'Energy'; }
@@ -227,11 +220,10 @@ export class EnergyPlot extends Plot {
 }
 
 export class TopologyPlot extends Plot {
-  draw(frame, chain) {
+  reason(frame, chain) { return noState(frame, chain); }
+
+  paint(c, look, frame) {
     const { canvas } = this;
-    const look = theme();
-    if (!analysed(frame, chain)) { canvas.showReason(look, noState(chain)); return; }
-    const c = canvas.begin();
     const left = 20;
     const w = canvas.width - 40;
     const [top, h] = [canvas.height / 2 - 24, 34];
@@ -284,9 +276,9 @@ export class TopologyPlot extends Plot {
 }
 
 // Time line of a replay: the track of the soliton in the bag, and the present time.
-export class TimeLine extends Plot {
+export class TimeLine {
   constructor(element, seek) {
-    super(element);
+    this.canvas = new Canvas(element);
     this.track = [];
     element.addEventListener('pointerdown', (event) => {
       if (!this.replay) return;

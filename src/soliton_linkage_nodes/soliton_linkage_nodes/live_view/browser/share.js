@@ -2,7 +2,7 @@
 // Viewer of a shared run. It needs no server, because the page contains the data.
 
 import { ChainView } from './chain.js';
-import { Canvas, axes, finite, leanPixel, leanScale, line, setText, theme } from './drawing.js';
+import { Canvas, axes, clipped, energyScale, finite, leanPixel, leanScale, line, setText, theme, trackLine } from './drawing.js';
 import { LeanPlot } from './plots.js';
 
 const FILLED_GAP = 0.8; // longest time without a frame that the kymograph fills [s]
@@ -120,29 +120,17 @@ class SharedRun {
     shared('time').value = this.n;
   }
 
-  clipped(canvas, { left, top, w, h }, paint) {
-    const c = canvas.context;
-    c.save();
-    c.beginPath();
-    c.rect(left, top, w, h);
-    c.clip();
-    paint(c);
-    c.restore();
-  }
-
   drawKymograph(time) {
     const { kymograph: canvas, shown } = this;
     const look = theme();
-    canvas.begin();
+    const c = canvas.begin();
     const box = axes(canvas, look, { x: shown, y: [-0.5, this.rotors - 0.5], xLabel: 'time [s]', yLabel: 'rotor n' });
     this.box = box;
-    this.clipped(canvas, box, (c) => {
+    clipped(c, box, () => {
       c.imageSmoothingEnabled = false;
       const [x0, x1] = this.span.map(box.toX);
       c.drawImage(this.image, x0, box.top, x1 - x0, box.h);
-      const points = Array.from(this.times, (t, n) => [box.toX(t), box.toY(this.solitons[n].length ? this.solitons[n][0] : NaN)]);
-      line(c, points, '#ffffff', 5);
-      line(c, points, '#000000', 2.2);
+      trackLine(c, Array.from(this.times, (t, n) => [box.toX(t), box.toY(this.solitons[n].length ? this.solitons[n][0] : NaN)]));
       c.fillStyle = look.green;
       c.fillRect(box.toX(time) - 1.5, box.top, 3, box.h);
     });
@@ -151,14 +139,11 @@ class SharedRun {
   drawEnergy(time) {
     const { energy: canvas, shown } = this;
     const look = theme();
-    canvas.begin();
-    let largest = 1e-12;
-    this.energies.forEach(([, series]) => series.forEach((value) => { if (value > largest) largest = value; }));
-    const power = Math.min(0, 3 * Math.floor(Math.log10(largest) / 3));
-    const unit = { 0: 'J', '-3': 'mJ', '-6': 'µJ', '-9': 'nJ', '-12': 'pJ' }[power] || 'J';
-    const box = axes(canvas, look, { x: shown, y: [0, (1.15 * largest) / 10 ** power], xLabel: 'time [s]', yLabel: `E [${unit}]` });
+    const c = canvas.begin();
+    const { unit, power, top } = energyScale(this.energies.map(([, series]) => series), 1e-12);
+    const box = axes(canvas, look, { x: shown, y: [0, top], xLabel: 'time [s]', yLabel: `E [${unit}]` });
     const colours = { kinetic: look.blue, elastic: look.red, wall_energy: look.ink, wake_energy: look.purple };
-    this.clipped(canvas, box, (c) => {
+    clipped(c, box, () => {
       this.energies.forEach(([name, series]) => {
         line(c, Array.from(series, (value, n) => [box.toX(this.times[n]), box.toY(value / 10 ** power)]), colours[name] || look.ink, 2);
       });

@@ -15,7 +15,6 @@ from soliton_linkage_nodes.live_view.controls.drive_controls import (
     Shown,
     attempt,
     button,
-    enable,
     number,
     value_of,
 )
@@ -36,7 +35,7 @@ class RecordControls:
 
     def __init__(self, view: View, page: Shown) -> None:
         self._view, self._page = view, page
-        self._group = ControlGroup('Record this chain to a bag', 'record')
+        self._group = ControlGroup('Record this chain to a bag')
         with self._group.body:
             kept = number('only keep the last', 0.0, 's', min=0, max=3600)
             kept.tooltip('0 records everything; otherwise Snapshot writes the last seconds')
@@ -55,8 +54,6 @@ class RecordControls:
         recording = self._view.recording
         if recording.report is not None:
             return await self._request('resume')
-        if self._view.read_only:
-            raise ValueError(READ_ONLY)
         if self._page.namespace not in self._view.chains:
             raise ValueError('select the chain to record')
         return await recording.start(self._page.namespace, value_of(kept))
@@ -71,24 +68,22 @@ class RecordControls:
         if not recording.running and self._page.namespace in self._view.chains:
             recording.namespace = self._page.namespace
         report = recording.report
-        reason = READ_ONLY if self._view.read_only else '' if report else recording.rejection
+        reason = '' if report and not self._view.read_only else recording.rejection
         self._group.disable_for(reason)
         if not reason:
             paused = report is not None and report.message.startswith('paused')
-            enable(self._start, paused or not (report or recording.running))
+            self._start.set_enabled(paused or not (report or recording.running))
             for requested in self._requests:
-                enable(requested, report is not None)
-            enable(self._stop, recording.running)
-        text = ''
-        if report:
-            figures = report.figures
-            name = figures.get('bag', '').rpartition('/')[2]
-            text = (
-                f'{name}: {report.message}; {figures.get("messages", "?")} messages, '
-                f'{figures.get("lost messages", "?")} lost'
-            )
-        if self._summary.text != text:
-            self._summary.text = text
+                requested.set_enabled(report is not None)
+            self._stop.set_enabled(recording.running)
+        figures = report.figures if report else {}
+        name = figures.get('bag', '').rpartition('/')[2]
+        self._summary.text = (
+            f'{name}: {report.message}; {figures.get("messages", "?")} messages, '
+            f'{figures.get("lost messages", "?")} lost'
+            if report
+            else ''
+        )
 
 
 class BagControls:
@@ -99,7 +94,7 @@ class BagControls:
         self._listings = 0
         self._finished = view.recording.finished
         self._rows: dict[str, tuple[CataloguedBag | None, ui.element]] = {}
-        self._transport = ControlGroup('Replay of a bag', 'replay')
+        self._transport = ControlGroup('Replay of a bag')
         with self._transport.body:
             self._pausing = button('Pause', self._pause, 'pause', 'live-replay-play')
             rate = ui.select({r: f'{r:g} ×' for r in _RATES}, value=1.0, label='speed')
@@ -128,10 +123,8 @@ class BagControls:
         read_only = READ_ONLY if self._view.read_only else ''
         closed = '' if self._view.replay.bag else 'no bag is open; press Play beside a bag'
         self._transport.disable_for(read_only or closed)
-        text, icon = ('Pause', 'pause') if self._plays else ('Play', 'play_arrow')
-        if self._pausing.text != text:
-            self._pausing.text = text
-            self._pausing.icon = icon
+        self._pausing.text = 'Pause' if self._plays else 'Play'
+        self._pausing.icon = 'pause' if self._plays else 'play_arrow'
         if self._finished != self._view.recording.finished:
             self._finished = self._view.recording.finished
             ui.timer(0, self.list_bags, once=True)

@@ -89,12 +89,6 @@ def button(
     return created.props(f'id={marker}') if marker else created
 
 
-def enable(control: ui.button, enabled: bool) -> None:
-    """Enable or disable a button. Only a change is sent to the browser."""
-    if control.enabled != enabled:
-        control.set_enabled(enabled)
-
-
 def number(label: str, value: float, unit: str, **props: Any) -> ui.number:
     """Add a field for a number with its unit."""
     created = ui.number(label, value=value, format='%g', **props).props('dense outlined')
@@ -124,13 +118,9 @@ def value_of(entry: ui.number) -> float:
 
 
 class ControlGroup:
-    """Controls under one heading.
+    """Controls under one heading."""
 
-    The status of a chain contains the reason to disable the controls under the key `reason_of`.
-    """
-
-    def __init__(self, title: str, reason_of: str) -> None:
-        self.reason_of = reason_of
+    def __init__(self, title: str) -> None:
         self._shown: str | None = None
         with ui.element('fieldset').classes('live-group') as self.box:
             ui.element('legend').props(f'innerHTML="{title}"')
@@ -156,19 +146,33 @@ class ControlGroup:
 class ChainControls:
     """Groups of controls for the chain that the page shows."""
 
-    groups: list[ControlGroup]
-
     def __init__(self, view: View, page: Shown) -> None:
         self._view, self._page = view, page
+        self._groups: list[tuple[ControlGroup, str]] = []
 
     @property
     def _commands(self) -> ChainCommands:
         return self._view.commands(self._page.namespace)
 
+    def _group(self, title: str, reason_of: str) -> ui.element:
+        """Add a group, and return the element for its controls.
+
+        The status of a chain contains the reason to disable the group under the key `reason_of`.
+        """
+        group = ControlGroup(title)
+        self._groups.append((group, reason_of))
+        return group.body
+
+    async def _set_in_simulator(self, name: str, value: float) -> str:
+        """Set a parameter of the chain's simulator."""
+        node = f'{self._commands.namespace}simulator'
+        known = {each.name: each for each in await self._commands.parameters(node)}
+        return await self._commands.set_parameter(node, known[name], value)
+
     def refresh(self, why: Mapping[str, str]) -> None:
         """Disable the groups for which `why` contains a reason, and enable the others."""
-        for group in self.groups:
-            group.disable_for(why[group.reason_of])
+        for group, reason_of in self._groups:
+            group.disable_for(why[reason_of])
 
 
 class DriveControls(ChainControls):
@@ -176,11 +180,13 @@ class DriveControls(ChainControls):
 
     def __init__(self, view: View, page: Shown) -> None:
         super().__init__(view, page)
-        self.groups = [self._nudge(), self._move(), self._command(), self._tilt()]
+        self._nudge()
+        self._move()
+        self._command()
+        self._tilt()
 
-    def _nudge(self) -> ControlGroup:
-        group = ControlGroup('Nudge: a short push on the edge rotor', 'nudge')
-        with group.body:
+    def _nudge(self) -> None:
+        with self._group('Nudge: a short push on the edge rotor', 'nudge'):
             slider = ui.slider(
                 min=-_FASTEST_NUDGE, max=_FASTEST_NUDGE, step=0.5, value=_DEFAULT_NUDGE
             )
@@ -198,11 +204,9 @@ class DriveControls(ChainControls):
                 'live-nudge',
                 primary=True,
             )
-        return group
 
-    def _command(self) -> ControlGroup:
-        group = ControlGroup('Kick, torque pulse or pressure at an edge', 'drive')
-        with group.body:
+    def _command(self) -> None:
+        with self._group('Kick, torque pulse or pressure at an edge', 'drive'):
             kind = ui.select(_KINDS, value='kick', label='kind').props('dense outlined')
             edge = ui.select(['nearest', 'first', 'last'], value='nearest', label='edge')
             edge.props('dense outlined')
@@ -210,13 +214,9 @@ class DriveControls(ChainControls):
             fields = [number('duration', 0.1, 's', min=0)]
             fields += [number(label, 0.0, 's', min=0) for label in ('ramp up', 'ramp down')]
 
-            def adapt() -> None:
-                value.value = _DEFAULT_VALUES[kind.value]
-                for field in fields:
-                    field.set_visibility(kind.value != 'kick')
-
-            kind.on_value_change(adapt)
-            adapt()
+            kind.on_value_change(lambda: value.set_value(_DEFAULT_VALUES[kind.value]))
+            for field in fields:
+                field.bind_visibility_from(kind, 'value', lambda chosen: chosen != 'kick')
 
             async def send() -> str:
                 instant = kind.value == 'kick'
@@ -226,11 +226,9 @@ class DriveControls(ChainControls):
                 )
 
             button('Send command', send, 'send', 'live-send')
-        return group
 
-    def _tilt(self) -> ControlGroup:
-        group = ControlGroup('Tilt of the chain', 'tilt')
-        with group.body:
+    def _tilt(self) -> None:
+        with self._group('Tilt of the chain', 'tilt'):
             slider = ui.slider(min=-_LARGEST_TILT, max=_LARGEST_TILT, step=0.005, value=0.0)
             slider.props('label aria-label="tilt [rad]" id=live-tilt').classes('live-slider')
             scale(slider, -_LARGEST_TILT, _LARGEST_TILT, 'rad')
@@ -241,11 +239,9 @@ class DriveControls(ChainControls):
             slider.on('change', tilt, throttle=0.1)
             slider.on('update:model-value', tilt, throttle=0.1)
             self._slope = ui.label().classes('live-hint')
-        return group
 
-    def _move(self) -> ControlGroup:
-        group = ControlGroup('Move the soliton, and hold it there', 'move')
-        with group.body:
+    def _move(self) -> None:
+        with self._group('Move the soliton, and hold it there', 'move'):
             rotor = number('to rotor', 10.0, '', min=0).props('id=live-move-rotor')
             speed = number('speed, 0 = automatic', 0.0, 'rotors/s', min=0)
 
@@ -255,26 +251,25 @@ class DriveControls(ChainControls):
                 return await self._commands.move_to(value_of(rotor), value_of(speed), position)
 
             button('Move', move, 'moving', 'live-carry')
-            cancel = button('Cancel', lambda: self._commands.cancel(), 'cancel', 'live-cancel')
-            release = button(
+            self._cancel = button(
+                'Cancel', lambda: self._commands.cancel(), 'cancel', 'live-cancel'
+            )
+            self._release = button(
                 'Release', lambda: self._commands.release(), 'back_hand', 'live-release'
             )
-            self._cancel, self._release = cancel, release
-        return group
 
     def refresh(self, why: Mapping[str, str]) -> None:
         """Disable each group for which `why` contains a reason, and show the present tilt."""
         super().refresh(why)
         commands = self._view.commands(self._page.namespace)
         usable = not why['move']
-        enable(self._cancel, usable and commands.move.under_way)
-        enable(self._release, usable and (commands.holding or commands.move.held))
+        self._cancel.set_enabled(usable and commands.move.under_way)
+        self._release.set_enabled(usable and (commands.holding or commands.move.held))
         gravity, tilt = gravity_of(self._view.finder, self._page.namespace)
         text = f'now {tilt:.3f} rad' if math.isfinite(tilt) else ''
         if gravity == 0:
             text += '; gravity is 0, so a tilt has no effect: set gravity.acceleration in Settings'
-        if self._slope.text != text:
-            self._slope.text = text
+        self._slope.text = text
 
 
 class RunControls(ChainControls):
@@ -282,20 +277,20 @@ class RunControls(ChainControls):
 
     def __init__(self, view: View, page: Shown) -> None:
         super().__init__(view, page)
-        self.groups = [self._pause(), self._step(), self._reset(), self._factor()]
+        self._pause()
+        self._step()
+        self._reset()
+        self._factor()
 
-    def _pause(self) -> ControlGroup:
-        group = ControlGroup('Simulation', 'pause')
-        with group.body:
+    def _pause(self) -> None:
+        with self._group('Simulation', 'pause'):
             button(
                 'Pause', lambda: self._commands.pause(True), 'pause', 'live-pause', primary=True
             )
             button('Resume', lambda: self._commands.pause(False), 'play_arrow', 'live-resume')
-        return group
 
-    def _step(self) -> ControlGroup:
-        group = ControlGroup('Single steps of a paused simulation', 'step')
-        with group.body:
+    def _step(self) -> None:
+        with self._group('Single steps of a paused simulation', 'step'):
             count = number('periods', 10, '', min=1, precision=0)
             button(
                 'Step',
@@ -304,11 +299,9 @@ class RunControls(ChainControls):
                 'live-step',
                 long=True,
             )
-        return group
 
-    def _reset(self) -> ControlGroup:
-        group = ControlGroup('Reset to a state', 'reset')
-        with group.body:
+    def _reset(self) -> None:
+        with self._group('Reset to a state', 'reset'):
             state = ui.select(list(STATES), value='initial', label='state').props('dense outlined')
             state.props('id=live-reset-state')
             position = number('position', 10.0, 'rotors')
@@ -316,13 +309,9 @@ class RunControls(ChainControls):
             angles = ui.input('angles [rad]', placeholder='rotor_0: 1.2, rotor_5: -0.5')
             angles.props('dense outlined').classes('live-wide')
 
-            def adapt() -> None:
-                for field in (position, velocity):
-                    field.set_visibility(state.value == 'soliton')
-                angles.set_visibility(state.value == 'angles')
-
-            state.on_value_change(adapt)
-            adapt()
+            for field in (position, velocity):
+                field.bind_visibility_from(state, 'value', value='soliton')
+            angles.bind_visibility_from(state, 'value', value='angles')
 
             async def reset() -> str:
                 if state.value == 'soliton':
@@ -333,11 +322,9 @@ class RunControls(ChainControls):
                 return await self._commands.reset(state.value, joints=joints)
 
             button('Reset', reset, 'restart_alt', 'live-reset')
-        return group
 
-    def _factor(self) -> ControlGroup:
-        group = ControlGroup('Speed: simulated time per real time', 'pause')
-        with group.body:
+    def _factor(self) -> None:
+        with self._group('Speed: simulated time per real time', 'pause'):
             offered = {
                 factor: f'{factor:g} ×' if factor else 'as fast as possible' for factor in _FACTORS
             }
@@ -347,13 +334,9 @@ class RunControls(ChainControls):
             async def change() -> str:
                 if factor.value is None:
                     raise ValueError('no real-time factor is selected; select one first')
-                commands = self._commands
-                node = f'{commands.namespace}simulator'
-                known = {p.name: p for p in await commands.parameters(node)}
-                return await commands.set_parameter(node, known['real_time_factor'], factor.value)
+                return await self._set_in_simulator('real_time_factor', factor.value)
 
             button('Set', change, 'speed', 'live-pace')
-        return group
 
 
 def joint_angles(text: str) -> dict[str, float]:

@@ -14,7 +14,6 @@ from nicegui import ui
 from soliton_linkage_nodes.live_view.chain_topics import REPORT_TIMEOUT
 from soliton_linkage_nodes.live_view.controls.drive_controls import (
     ChainControls,
-    ControlGroup,
     Shown,
     attempt,
     button,
@@ -38,20 +37,14 @@ class IdentifyControls(ChainControls):
 
     def __init__(self, view: View, page: Shown) -> None:
         super().__init__(view, page)
-        self.groups = [ControlGroup('Identify the chain', 'identify')]
-        with self.groups[0].body:
+        with self._group('Identify the chain', 'identify'):
             for text, name, icon in (
                 ('Identify', 'identify', 'straighten'),
                 ('Save', 'save', 'save'),
                 ('Forget frames', 'forget', 'restart_alt'),
             ):
-                button(
-                    text,
-                    partial(self._request, name),
-                    icon,
-                    f'live-identifier-{name}',
-                    name == 'identify',
-                )
+                action = partial(self._request, name)
+                button(text, action, icon, f'live-identifier-{name}', name == 'identify')
             self._progress = ui.linear_progress(show_value=False).props(
                 'aria-label="progress of the identification" id=live-identifying'
             )
@@ -68,15 +61,12 @@ class IdentifyControls(ChainControls):
         age, report = next(recent, (math.nan, None))
         figures = report.figures if report else {}
         running = figures.get('identifying') == 'True'
-        if self._progress.visible != running:
-            self._progress.set_visibility(running)
+        self._progress.set_visibility(running)
         if running:
             self._progress.value = float(figures.get('progress', '0').rstrip('%')) / 100
         seconds = figure(figures, 'identifying for [s]') + age
         elapsed = f'identifying for {seconds:.0f} s' if running else ''
-        text = '\n'.join(describe(report, elapsed)) if report else ''
-        if self._lines.text != text:
-            self._lines.text = text
+        self._lines.text = '\n'.join(describe(report, elapsed)) if report else ''
 
     async def _request(self, name: str) -> str:
         return await self._commands.call_identifier(name)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 
 from nicegui import ui
 
@@ -12,7 +13,6 @@ from soliton_linkage.linear.bands import band_edges
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage_nodes.live_view.controls.drive_controls import (
     ChainControls,
-    ControlGroup,
     Shown,
     attempt,
     button,
@@ -25,8 +25,6 @@ from soliton_linkage_nodes.live_view.view import View
 _UNITS = {'torque': 'N m', 'angle': 'rad'}
 _AMPLITUDES = {'torque': 0.002, 'angle': 0.1}
 """Default amplitude of a torque [N m] and of an angle [rad], each of which moves a kink."""
-
-
 _LARGEST_COUPLING = 1e-3
 """Largest non-reciprocity on the slider if the chain has no motors [N m/rad]."""
 
@@ -37,9 +35,11 @@ class WaveControls(ChainControls):
     def __init__(self, view: View, page: Shown) -> None:
         super().__init__(view, page)
         self._chain: Chain | None = None
-        group = ControlGroup('Waveform of an edge rotor', 'drive')
-        self.groups = [group, self._motors()]
-        with group.body:
+        self._waveform()
+        self._motors()
+
+    def _waveform(self) -> None:
+        with self._group('Waveform of an edge rotor', 'drive'):
             self._shape = ui.select(['burst', 'chirp', 'noise'], value='burst', label='shape')
             self._edge = ui.select(['first', 'last'], value='first', label='driven edge')
             self._quantity = ui.select(list(_UNITS), value='torque', label='quantity')
@@ -55,19 +55,15 @@ class WaveControls(ChainControls):
             cycles, duration = number('cycles', 20.0, '', min=0), number('length', 3.0, 's')
             self._band = ui.label().classes('live-hint').props('id=live-band role=status')
 
-            def adapt() -> None:
-                burst = self._shape.value == 'burst'
-                cycles.set_visibility(burst)
-                for field in (last, duration):
-                    field.set_visibility(not burst)
+            cycles.bind_visibility_from(self._shape, 'value', value='burst')
+            for field in (last, duration):
+                field.bind_visibility_from(self._shape, 'value', lambda each: each != 'burst')
 
             def convert() -> None:
                 self._value.value = _AMPLITUDES[self._quantity.value]
                 self._value.props(f'suffix="{_UNITS[self._quantity.value]}"')
 
-            self._shape.on_value_change(adapt)
             self._quantity.on_value_change(convert)
-            adapt()
 
             async def send() -> str:
                 burst = self._shape.value == 'burst'
@@ -85,28 +81,21 @@ class WaveControls(ChainControls):
 
             button('Send waveform', send, 'waves', 'live-wave')
 
-    def _motors(self) -> ControlGroup:
-        group = ControlGroup('Motors: non-reciprocal coupling κ of a simulated chain', 'pause')
-        with group.body:
+    def _motors(self) -> None:
+        with self._group('Motors: non-reciprocal coupling κ of a simulated chain', 'pause'):
             self._coupling = ui.slider(
                 min=-_LARGEST_COUPLING, max=_LARGEST_COUPLING, step=1e-6, value=0.0
             )
             self._coupling.props('aria-label="non-reciprocity [N m/rad]" id=live-coupling')
             self._coupling.classes('live-slider')
 
-            async def set_coupling() -> str:
-                commands = self._commands
-                node = f'{commands.namespace}simulator'
-                known = {p.name: p for p in await commands.parameters(node)}
-                parameter, value = known['chain.non_reciprocity'], float(self._coupling.value)
-                return await commands.set_parameter(node, parameter, value)
-
             async def change() -> None:
-                await attempt('Motors', set_coupling)
+                value = float(self._coupling.value)
+                action = partial(self._set_in_simulator, 'chain.non_reciprocity', value)
+                await attempt('Motors', action)
 
             self._coupling.on('change', change)
             self._current = ui.label().classes('live-hint').props('id=live-motors role=status')
-        return group
 
     def refresh(self, why: Mapping[str, str]) -> None:
         """Disable each group with a reason in `why`, and mark the phonon band on the slider."""
