@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from soliton_linkage_nodes.runtime import sequences
 from soliton_linkage_nodes.runtime.sequences import (
+    Counts,
     Lag,
     PublisherArbitration,
     SequenceGaps,
@@ -27,13 +28,13 @@ def stream(who: str, first: int, begin: int, period: int, count: int) -> Iterato
 
 def taken_of_two(first: int, second: int, period: int, other_period: int, later: int) -> list[str]:
     """Publishers of the messages that are kept, of two with these first numbers and periods."""
-    kept = PublisherArbitration()
+    kept = PublisherArbitration(Counts())
     both = heapq.merge(
         stream('first', first, 0, 2 * period, 400),
         stream('second', second, start_of_second(period, later), 2 * other_period, 100),
     )
     taken = [who for at, who, number in both if kept.take(number, at * MILLISECOND, lambda: 2)]
-    assert kept.lost <= 2
+    assert kept.counts.lost <= 2
     return taken
 
 
@@ -60,28 +61,28 @@ def test_a_second_publisher_that_continues_the_numbers_of_the_first_is_not_kept(
 
 @given(st.lists(st.booleans(), min_size=1, max_size=200))
 def test_missing_messages_of_one_publisher_are_lost(came):
-    kept = PublisherArbitration()
+    kept = PublisherArbitration(Counts())
     numbers = [number for number, here in enumerate([True, *came, True]) if here]
     for number in numbers:
         assert kept.take(number, 2 * MILLISECOND * number, lambda: 1)
-    assert kept.lost == len(came) + 2 - len(numbers)
+    assert kept.counts.lost == len(came) + 2 - len(numbers)
 
 
 @given(st.lists(st.tuples(st.integers(1, 50), st.integers(0, 400)), min_size=1, max_size=50))
 def test_a_single_publisher_is_kept_with_uneven_periods(steps):
-    kept = PublisherArbitration()
+    kept = PublisherArbitration(Counts())
     number = sent = 0
     for ahead, elapsed in [*[(1, 2)] * 20, *steps]:
         number, sent = number + ahead, sent + elapsed
         assert kept.take(number, sent * MILLISECOND, lambda: 1)
-    assert (kept.successions, kept.foreign) == (0, 0)
-    assert kept.lost == sum(ahead - 1 for ahead, _ in steps)
+    assert (kept.counts.successions, kept.counts.foreign) == (0, 0)
+    assert kept.counts.lost == sum(ahead - 1 for ahead, _ in steps)
 
 
 def test_a_silent_publisher_is_replaced_after_a_while(monkeypatch):
     now = [10.0]
     monkeypatch.setattr(sequences.time, 'monotonic', lambda: now[0])
-    kept = PublisherArbitration()
+    kept = PublisherArbitration(Counts())
     for number in range(1, 100):
         assert kept.take(number, 2 * MILLISECOND * number, lambda: 2)
     taken = []
@@ -90,22 +91,22 @@ def test_a_silent_publisher_is_replaced_after_a_while(monkeypatch):
         taken.append(kept.take(number, 10**9 + 2 * MILLISECOND * number, lambda: 2))
     assert 0.4 < 0.002 * taken.index(True) < 0.6
     assert all(taken[taken.index(True) :])
-    assert (kept.successions, kept.lost) == (1, 0)
-    assert kept.foreign == taken.index(True)
+    assert (kept.counts.successions, kept.counts.lost) == (1, 0)
+    assert kept.counts.foreign == taken.index(True)
 
 
 def test_a_publisher_that_ended_is_replaced_at_once():
-    kept = PublisherArbitration()
+    kept = PublisherArbitration(Counts())
     for number in range(5000, 5100):
         assert kept.take(number, 2 * MILLISECOND * number, lambda: 1)
     for number in range(1, 100):
         assert kept.take(number, 10**12 + 2 * MILLISECOND * number, lambda: 1)
-    assert (kept.lost, kept.foreign, kept.successions) == (0, 0, 1)
+    assert (kept.counts.lost, kept.counts.foreign, kept.counts.successions) == (0, 0, 1)
 
 
 def kept_of_parts(streams: dict[str, list[tuple]]) -> tuple[list[str], StreamArbitration]:
     """Publishers of the messages that are kept, by name with the parts in its first letters."""
-    arbitration = StreamArbitration()
+    arbitration = StreamArbitration(Counts())
     taken = []
     for at, who, number in heapq.merge(*streams.values()):
         parts = who.partition(' ')[0]
@@ -123,7 +124,11 @@ def test_publishers_of_different_parts_are_all_kept(first, second, period, other
         }
     )
     assert (taken.count('ab'), taken.count('c')) == (300, 300)
-    assert (arbitration.lost, arbitration.foreign, arbitration.successions) == (0, 0, 0)
+    assert (
+        arbitration.counts.lost,
+        arbitration.counts.foreign,
+        arbitration.counts.successions,
+    ) == (0, 0, 0)
 
 
 def test_a_second_publisher_of_one_part_is_not_kept_beside_a_third_of_another():
@@ -135,14 +140,14 @@ def test_a_second_publisher_of_one_part_is_not_kept_beside_a_third_of_another():
         }
     )
     assert (taken.count('ab'), taken.count('c'), taken.count('b other')) == (100, 100, 0)
-    assert (arbitration.lost, arbitration.foreign) == (0, 95)
+    assert (arbitration.counts.lost, arbitration.counts.foreign) == (0, 95)
 
 
 def test_lost_messages_of_each_part_count():
     one, other = list(stream('ab', 1, 0, 10, 100)), list(stream('c', 501, 1, 10, 100))
     del one[50:53], other[20]
     taken, arbitration = kept_of_parts({'ab': one, 'c': other})
-    assert (len(taken), arbitration.lost) == (196, 4)
+    assert (len(taken), arbitration.counts.lost) == (196, 4)
 
 
 def lost(numbers: Iterable[int], publishers: int = 1) -> int:

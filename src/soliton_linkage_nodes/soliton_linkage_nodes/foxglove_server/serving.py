@@ -169,7 +169,7 @@ class IncomingTopic:
         self._node.destroy_publisher(self._publisher)
 
 
-class Serving:
+class Serving(ServerListener):
     """Server that connects its clients to the topics and services of the ROS graph."""
 
     def __init__(
@@ -177,7 +177,7 @@ class Serving:
     ) -> None:
         """Start the server at a host and a port; OSError if it cannot start."""
         self.published = 0
-        self._node, self._reject = node, reject
+        self._node, self._queue, self._reject = node, queue, reject
         self._incoming: dict[Key, IncomingTopic] = {}
         self._new_clients: set[str] = set()
         context = foxglove.Context()
@@ -190,7 +190,7 @@ class Serving:
                 port=port,
                 capabilities=[] if read_only else [Capability.ClientPublish, Capability.Services],
                 supported_encodings=list(_ENCODINGS),
-                server_listener=_Listener(self, queue),
+                server_listener=self,
                 context=context,
             )
         except Exception as error:  # the type of this error in the SDK has no public name
@@ -218,10 +218,6 @@ class Serving:
         self._server.stop()
         self.outgoing.close()
 
-    def note_subscription(self, topic: str) -> None:
-        """Record that another client has subscribed to a topic."""
-        self._new_clients.add(topic)
-
     def advertise(self, key: Key, topic: str, type_name: str, encoding: str) -> None:
         """Create the publisher for a client's channel; an invalid topic is rejected."""
         try:
@@ -245,22 +241,21 @@ class Serving:
         except ValueError as error:
             self._reject(topic.name, str(error))
 
-
-class _Listener(ServerListener):
-    def __init__(self, serving: Serving, queue: Queue) -> None:
-        self._serving, self._queue = serving, queue
-
     def on_subscribe(self, client: Client, channel: ChannelView) -> None:
+        """Record that another client has subscribed to a topic."""
         topic = channel.topic
-        self._queue(lambda: self._serving.note_subscription(topic))
+        self._queue(lambda: self._new_clients.add(topic))
 
     def on_client_advertise(self, client: Client, channel: ClientChannel) -> None:
+        """Call `advertise` on the thread of the executor."""
         key, topic = (client.id, channel.id), channel.topic
         type_name, encoding = channel.schema_name, channel.encoding
-        self._queue(lambda: self._serving.advertise(key, topic, type_name, encoding))
+        self._queue(lambda: self.advertise(key, topic, type_name, encoding))
 
     def on_client_unadvertise(self, client: Client, client_channel_id: int) -> None:
-        self._queue(lambda: self._serving.unadvertise((client.id, client_channel_id)))
+        """Call `unadvertise` on the thread of the executor."""
+        self._queue(lambda: self.unadvertise((client.id, client_channel_id)))
 
     def on_message_data(self, client: Client, client_channel_id: int, data: bytes) -> None:
-        self._queue(lambda: self._serving.publish((client.id, client_channel_id), data))
+        """Call `publish` on the thread of the executor."""
+        self._queue(lambda: self.publish((client.id, client_channel_id), data))

@@ -128,6 +128,18 @@ class _Publisher:
         return abs(math.log(took / expected))
 
 
+@dataclass
+class Counts:
+    """Counters of a `PublisherArbitration`; several of them may share one object."""
+
+    lost: int = 0
+    """Number of messages that were published and never received."""
+    foreign: int = 0
+    """Number of messages from publishers that were not selected."""
+    successions: int = 0
+    """Number of times that a selected publisher was silent and was replaced."""
+
+
 class PublisherArbitration:
     """Filter that keeps only the messages of one selected publisher of a topic.
 
@@ -135,12 +147,8 @@ class PublisherArbitration:
     it. A message is assigned to the publisher whose last number and message period fit best.
     """
 
-    def __init__(self) -> None:
-        self.lost = 0
-        self.foreign = 0
-        """Number of messages from publishers that were not selected."""
-        self.successions = 0
-        """Number of times that the selected publisher was silent and was replaced."""
+    def __init__(self, counts: Counts) -> None:
+        self.counts = counts
         self._selected: _Publisher | None = None
         self._others: list[_Publisher] = []
         self._others_since: float | None = None
@@ -162,7 +170,7 @@ class PublisherArbitration:
     def _assign(self, selected: _Publisher, number: int, sent: int, publishers: int) -> bool:
         owner = self._owner(selected, number, sent, publishers)
         if owner is selected:
-            self.lost += selected.advance(number, sent)
+            self.counts.lost += selected.advance(number, sent)
             self._others_since = None
             if publishers < 2:
                 self._others.clear()
@@ -176,9 +184,9 @@ class PublisherArbitration:
         if self._others_since is None:
             self._others_since = now
         if publishers >= 2 and now - self._others_since < selected.silence:
-            self.foreign += 1
+            self.counts.foreign += 1
             return False
-        self.successions += 1
+        self.counts.successions += 1
         self._selected, self._others_since = owner, None
         self._others = [other for other in self._others if other is not owner]
         return True
@@ -215,25 +223,10 @@ _ABSENCE = 5.0
 class StreamArbitration:
     """Publisher arbitration for a stream whose joints or other parts have different publishers."""
 
-    def __init__(self, lost: int = 0, foreign: int = 0) -> None:
-        self._counts = [lost, foreign, 0]
-        self._shares = [_Share(PublisherArbitration(), set(), 0.0)]
+    def __init__(self, counts: Counts) -> None:
+        self.counts = counts
+        self._shares = [_Share(PublisherArbitration(counts), set(), 0.0)]
         self._latest: Callable[[], Collection[str]] = tuple
-
-    @property
-    def lost(self) -> int:
-        """Number of messages that were published and never received."""
-        return self._counts[0] + sum(each.arbitration.lost for each in self._shares)
-
-    @property
-    def foreign(self) -> int:
-        """Number of messages that came from publishers that were not selected."""
-        return self._counts[1] + sum(each.arbitration.foreign for each in self._shares)
-
-    @property
-    def successions(self) -> int:
-        """Number of times that a selected publisher was silent and was replaced."""
-        return self._counts[2] + sum(each.arbitration.successions for each in self._shares)
 
     def take(
         self,
@@ -270,15 +263,10 @@ class StreamArbitration:
         for share in self._shares:
             if not share.parts or not share.parts.isdisjoint(parts):
                 return share
-        for gone in [each for each in self._shares if now - each.taken_at > _ABSENCE]:
-            old = gone.arbitration
-            self._counts[0] += old.lost
-            self._counts[1] += old.foreign
-            self._counts[2] += old.successions
-            self._shares.remove(gone)
+        self._shares = [each for each in self._shares if now - each.taken_at <= _ABSENCE]
         if self._shares and len(self._shares) >= count:
             return self._shares[0]
-        self._shares.append(_Share(PublisherArbitration(), set(), now))
+        self._shares.append(_Share(PublisherArbitration(self.counts), set(), now))
         return self._shares[-1]
 
 

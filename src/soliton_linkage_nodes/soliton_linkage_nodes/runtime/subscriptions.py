@@ -17,7 +17,7 @@ from rclpy.subscription import Subscription
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Increments
 from soliton_linkage_nodes.runtime.guarded import GuardedNode
 from soliton_linkage_nodes.runtime.interfaces import Topic
-from soliton_linkage_nodes.runtime.sequences import Lag, SequenceGaps, StreamArbitration
+from soliton_linkage_nodes.runtime.sequences import Counts, Lag, SequenceGaps, StreamArbitration
 
 LONGEST_LAG = 0.5
 """Default of the lag above which a node skips waiting messages [s]."""
@@ -238,7 +238,8 @@ class StreamSubscription:
         self._on_takeover = on_takeover
         self._latest = latest
         self._lag = Lag(longest_lag)
-        self._arbitration = StreamArbitration()
+        self._counts = Counts()
+        self._arbitration = StreamArbitration(self._counts)
         self._adaptive = AdaptiveSubscription(node, topic, _with_info(self._take_with_info), raw)
         self._publishers: list[str] = []
         self._unsettled = True
@@ -248,7 +249,7 @@ class StreamSubscription:
 
     def resubscribe(self) -> None:
         """Subscribe again, so that the latched messages arrive once more."""
-        self._arbitration = StreamArbitration(self._arbitration.lost, self._arbitration.foreign)
+        self._arbitration = StreamArbitration(self._counts)
         self._adaptive.resubscribe()
         self._restore_dispatch()
 
@@ -276,14 +277,14 @@ class StreamSubscription:
             self._take(each)
 
     def _keeps(self, message: Any, info: Info) -> bool:
-        number, arbitration = info['publication_sequence_number'], self._arbitration
+        number = info['publication_sequence_number']
         if number is not None:
-            successions = arbitration.successions
+            successions = self._counts.successions
             count = self._adaptive.subscription.get_publisher_count
             parts = None if self._parts is None else partial(self._parts, message)
-            if not arbitration.take(number, info['source_timestamp'], count, parts):
+            if not self._arbitration.take(number, info['source_timestamp'], count, parts):
                 return False
-            if arbitration.successions != successions:
+            if self._counts.successions != successions:
                 self._on_takeover()
         self.received_at = info['received_timestamp']
         return True
@@ -307,12 +308,12 @@ class StreamSubscription:
         )
         if self._several and len(before) < 2:
             self._node.get_logger().warning(self._warning())
-        elif len(names) < len(before) and self._topic.latched and self._arbitration.foreign:
+        elif len(names) < len(before) and self._topic.latched and self._counts.foreign:
             self.resubscribe()
 
     @property
     def _several(self) -> bool:
-        shared = self._parts is not None and not self._arbitration.foreign
+        shared = self._parts is not None and not self._counts.foreign
         return len(self._publishers) > 1 and not shared
 
     def _restore_dispatch(self) -> None:
@@ -321,12 +322,11 @@ class StreamSubscription:
 
     def _watch(self) -> tuple[str, Mapping[str, Any]]:
         name = self._topic.name
-        total = self._arbitration.lost
-        _, lost, skipped = self._increments.take(total, self.skipped)
+        _, lost, skipped = self._increments.take(self._counts.lost, self.skipped)
         figures = {
             f'publishers of {name}': len(self._publishers),
-            f'{name} of others': self._arbitration.foreign,
-            f'lost {name}': total,
+            f'{name} of others': self._counts.foreign,
+            f'lost {name}': self._counts.lost,
             f'skipped {name}': self.skipped,
         }
         concerns = [self._warning()] if self._several else []
