@@ -330,10 +330,6 @@ class ChainCommands:
     def _chain(self) -> ChainTopics | None:
         return self._finder.chains.get(self.namespace)
 
-    @property
-    def _kicks(self) -> int:
-        return self._chain.kicks if self._chain else 0
-
     def _report(self, node: str) -> NodeReport | None:
         return self._finder.reports.get(f'{self.namespace}{node}', (0.0, None))[1]
 
@@ -348,7 +344,7 @@ class ChainCommands:
     ) -> str:
         # Send one command at a time, so that each answer belongs to its command.
         async with self._edge:
-            before, kicks = self._report('edge_actuator'), self._kicks
+            before, kicks = self._report('edge_actuator'), self._chain.kicks if self._chain else 0
             await act()
             sent_at = time.monotonic()
 
@@ -356,8 +352,9 @@ class ChainCommands:
                 report = self._report('edge_actuator')
                 if rejection := _new_rejection(before, report, topic):
                     raise ValueError(f'edge_actuator rejected the command: {rejection}')
-                if self._chain and self._chain.kick and self._kicks > kicks:
-                    return views.describe_kick(self._chain.kick)
+                chain = self._chain
+                if chain and chain.kick and chain.kicks > kicks:
+                    return views.describe_kick(chain.kick)
                 if not lasting and time.monotonic() < sent_at + _ACCEPTED_TIME:
                     return None
                 earlier, now = (
@@ -378,11 +375,7 @@ class ChainCommands:
         raise ValueError(f'no answer of {node} within {_ANSWER_TIMEOUT:g} s; see its log')
 
     def close(self) -> None:
-        """Destroy publishers and clients."""
-        for publisher in self._publishers.values():
-            self._node.destroy_publisher(publisher)
-        for client in self._clients.values():
-            self._node.destroy_client(client)
+        """Destroy the action client, which the node does not destroy."""
         if self._mover is not None:
             self._mover.destroy()
 
