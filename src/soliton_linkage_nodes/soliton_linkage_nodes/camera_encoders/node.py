@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from sensor_msgs.msg import CameraInfo
 
 from soliton_linkage.estimation.estimates import AnalysedSoliton
 from soliton_linkage.linkage.quantities import quantity
@@ -195,22 +195,19 @@ class CameraEncoders(ManagedNode):
         """Subscribe to the selected source of pictures, and return its description."""
         if self.settings.pictures_from == 'camera':
             return f'pictures of camera {self.settings.camera}'
-        guarded = self.diagnostics.guarded
-        topic, on_picture = interfaces.IMAGE, guarded('picture', self._on_image)
+        topic, picture_of = interfaces.IMAGE, picture_from_msg
         if self.settings.pictures_from == 'compressed':
-            topic = interfaces.COMPRESSED_IMAGE
-            on_picture = guarded('picture', self._on_compressed)
-        StreamSubscription(self, topic, self.while_active(on_picture), self.diagnostics)
+            topic, picture_of = interfaces.COMPRESSED_IMAGE, picture_from_compressed_msg
+
+        def measure(message: Any) -> None:
+            self.measure(time_from_msg(message.header.stamp), picture_of(message))
+
+        on_picture = self.while_active(self.diagnostics.guarded('picture', measure))
+        StreamSubscription(self, topic, on_picture, self.diagnostics)
         if self._camera is None:
-            on_info = guarded('camera_info', self._on_camera_info)
+            on_info = self.diagnostics.guarded('camera_info', self._on_camera_info)
             StreamSubscription(self, interfaces.CAMERA_INFO, on_info, self.diagnostics)
         return self.resolve_topic_name(topic.name)
-
-    def _on_image(self, message: Image) -> None:
-        self.measure(time_from_msg(message.header.stamp), picture_from_msg(message))
-
-    def _on_compressed(self, message: CompressedImage) -> None:
-        self.measure(time_from_msg(message.header.stamp), picture_from_compressed_msg(message))
 
     def _on_state(self, message: SolitonState) -> None:
         self._state = time_from_msg(message.header.stamp), solitons_from_msg(message)

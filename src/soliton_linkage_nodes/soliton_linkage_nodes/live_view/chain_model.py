@@ -70,20 +70,15 @@ class ChainModel:
         self.history: deque[Column] = deque(maxlen=_HISTORY_COLUMNS)
         """Recent states. A page that is opened later begins with these states."""
         self.stamp = math.nan
-        self.angles = np.zeros(0)
-        """Latest angles [rad], shape (N,), NaN for missing joints."""
         self.rates: Array | None = None
         """Latest angular velocities [rad/s], shape (N,), or None if they are not published."""
-        self.numbers: dict[str, float] = {}
         self._minute: deque[Moment] = deque()
         self._clock = clock
         self._reader: FrameReader | None = None
-        self._solitons: list[float] = []
-        self._received_at = self._state_received_at = self._column_at = -math.inf
+        self._received_at = -math.inf
         self._column_stamp = math.nan
-        self._overview: Floats = np.zeros(0, dtype=np.float32)
-        self._extensions = self._mode = np.zeros(0)
         self._counted: tuple[float, int] | None = None
+        self._clear()
 
     @property
     def rotors(self) -> int:
@@ -142,15 +137,16 @@ class ChainModel:
             return
         self._add_column(stamp, numbers, overview(self._lean(angles)))
 
+    def clear_state(self) -> None:
+        """Delete the values of the last soliton_state, before a frame without one is stored."""
+        self.numbers: dict[str, float] = {}
+        self._solitons: list[float] = []
+        self._state_received_at = -math.inf
+
     def update_state(self, numbers: dict[str, float], solitons: list[float]) -> None:
         """Store the values of a soliton_state. `solitons` has the form of `Moment.solitons`."""
         self.numbers, self._solitons = numbers, solitons
         self._state_received_at = self._clock()
-
-    def clear_state(self) -> None:
-        """Delete the values of the last soliton_state, before a frame without one is stored."""
-        self.numbers, self._solitons = {}, []
-        self._state_received_at = -math.inf
 
     def update_rate(self, sequence: int | None) -> None:
         """Update the rate of joint_states from the sequence number of a message, if it has one."""
@@ -222,14 +218,18 @@ class ChainModel:
 
     def _reset(self, reader: FrameReader) -> None:
         self._reader = reader
+        self._clear()
+        self.version += 1
+
+    def _clear(self) -> None:
         self.angles = np.zeros(0)
-        self._solitons, self.numbers = [], {}
-        self._state_received_at = self._column_at = -math.inf
-        self._overview = np.zeros(0, dtype=np.float32)
+        """Latest angles [rad], shape (N,), NaN for missing joints."""
+        self.clear_state()
+        self._column_at = -math.inf
+        self._overview: Floats = np.zeros(0, dtype=np.float32)
         self._extensions = self._mode = np.zeros(0)
         self.history.clear()
         self._minute.clear()
-        self.version += 1
 
     def _set_error(self, error: str) -> None:
         self.version += error != self.error

@@ -6,8 +6,7 @@ from __future__ import annotations
 import math
 import os
 import time
-from collections.abc import Awaitable, Callable
-from dataclasses import dataclass
+from collections.abc import Awaitable, Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -47,18 +46,11 @@ class Sample(NamedTuple):
     turn: float
 
 
-@dataclass(frozen=True)
-class Passage:
-    """Passage of a soliton through the middle of the chain."""
-
-    samples: tuple[Sample, ...]
-
-    @property
-    def velocity(self) -> float:
-        """Velocity of the soliton [rotor spacings/s], positive towards the last rotor."""
-        stamps = np.array([each.stamp for each in self.samples])
-        rotors = np.array([each.rotor for each in self.samples])
-        return float(np.polyfit(stamps - stamps[0], rotors, 1)[0])
+def velocity(samples: Sequence[Sample]) -> float:
+    """Return the velocity of the soliton [rotor spacings/s], positive towards the last rotor."""
+    stamps = np.array([each.stamp for each in samples])
+    rotors = np.array([each.rotor for each in samples])
+    return float(np.polyfit(stamps - stamps[0], rotors, 1)[0])
 
 
 class Laboratory:
@@ -75,13 +67,13 @@ class Laboratory:
         passage = await self._send(_SPEED)
         energy = self._view.chains[self._namespace].model.numbers.get('wall_energy', math.nan)
         return (
-            f'A soliton crossed the chain at {abs(passage.velocity):.2f} rotors/s with an energy '
+            f'A soliton crossed the chain at {abs(velocity(passage)):.2f} rotors/s with an energy '
             f'of {1e3 * energy:.2f} mJ.'
         )
 
     async def speed(self) -> str:
         """Compare the speeds of the soliton after nudges of three strengths."""
-        speeds = [abs((await self._send(strength)).velocity) for strength in _SPEEDS]
+        speeds = [abs(velocity(await self._send(strength))) for strength in _SPEEDS]
         pairs = zip(_SPEEDS, speeds, strict=True)
         measured = ', '.join(f'{s:g} rad/s: {v:.2f} rotors/s' for s, v in pairs)
         ratio = speeds[-1] / speeds[0]
@@ -95,8 +87,8 @@ class Laboratory:
         """Determine whether the middle rotor flips back or spins when the soliton returns."""
         first = await self._send(_SPEED)
         second = await self._passage()
-        before, there = first.samples[0].turn, first.samples[-1].turn
-        back = second.samples[-1].turn
+        before, there = first[0].turn, first[-1].turn
+        back = second[-1].turn
         kind = 'spins' if abs(back - before) > _TURN else 'flips back'
         return (
             f'The middle rotor turned by {there - before:+.2f} rad, and by '
@@ -107,10 +99,10 @@ class Laboratory:
         """Compare the velocity and the zero mode before and after the soliton's reflection."""
         there = await self._send(_SPEED)
         back = await self._passage()
-        ends = [passage.samples[-1].zero_mode for passage in (there, back)]
+        ends = [passage[-1].zero_mode for passage in (there, back)]
         return (
-            f'The velocity was {there.velocity:+.2f} rotors/s before the edge and '
-            f'{back.velocity:+.2f} rotors/s after it. The zero mode moved with the soliton: it '
+            f'The velocity was {velocity(there):+.2f} rotors/s before the edge and '
+            f'{velocity(back):+.2f} rotors/s after it. The zero mode moved with the soliton: it '
             f'was at rotor {ends[0]:.1f} before and at rotor {ends[1]:.1f} after the reflection.'
         )
 
@@ -148,8 +140,8 @@ class Laboratory:
             processes.stop()
             self._view.finder.drop(DISORDERED)
         return (
-            f'In the regular chain the soliton moved at {abs(regular.velocity):.2f} rotors/s, and '
-            f'with lengths that deviate by {_DISORDER:.0%} at {abs(passage.velocity):.2f}.'
+            f'In the regular chain the soliton moved at {abs(velocity(regular)):.2f} rotors/s, '
+            f'and with lengths that deviate by {_DISORDER:.0%} at {abs(velocity(passage)):.2f}.'
         )
 
     def _ready(self, namespace: str) -> bool:
@@ -157,7 +149,7 @@ class Laboratory:
         ready = namespace in chains and chains[namespace].model.named is not None
         return ready and bool(self._view.commands(namespace).subscribers('edge_command'))
 
-    async def _send(self, speed: float) -> Passage:
+    async def _send(self, speed: float) -> list[Sample]:
         await self._reset()
         await self._kick(speed)
         return await self._passage()
@@ -180,7 +172,8 @@ class Laboratory:
                     raise
                 await self._view.wait()
 
-    async def _passage(self) -> Passage:
+    async def _passage(self) -> list[Sample]:
+        """Return the states of the soliton while it crosses the middle of the chain."""
         model = self._view.chains[self._namespace].model
         low, high = (share * (model.rotors - 1) for share in _MIDDLE)
         samples: list[Sample] = []
@@ -202,7 +195,7 @@ class Laboratory:
             return False
 
         await self._until(passed, 'a soliton to cross the middle of the chain')
-        return Passage(tuple(samples))
+        return samples
 
     async def _until(self, condition: Callable[[], bool], what: str) -> None:
         deadline = time.monotonic() + _TIMEOUT

@@ -11,8 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-import rclpy
-
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage_nodes.live_view.chain_topics import ChainFinder
 from soliton_linkage_nodes.live_view.stream import BrowserStream
@@ -21,6 +19,7 @@ from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Increments, R
 from soliton_linkage_nodes.runtime.guarded import GuardedNode
 from soliton_linkage_nodes.runtime.parameters import declare, reject_unknown
 from soliton_linkage_nodes.runtime.process import run
+from soliton_linkage_nodes.runtime.subscriptions import create_inbox
 
 _IDLE_PERIOD = 0.1
 """Time between two updates while no browser is connected [s]."""
@@ -69,13 +68,7 @@ class LiveView(GuardedNode):
         folders = [Path(folder) for folder in settings.bag_folders]
         for folder in folders:
             folder.mkdir(parents=True, exist_ok=True)
-        self._inbox = rclpy.create_node(
-            '_live_view_inbox',
-            namespace=self.get_namespace(),
-            context=self.context,
-            enable_rosout=False,
-            start_parameter_services=False,
-        )
+        self._inbox = create_inbox(self)
         own = self.resolve_topic_name('joint_states').removesuffix('joint_states')
         self._logs = tempfile.TemporaryDirectory(prefix='live_view_')
         finder, logs = ChainFinder(self._inbox, own), Path(self._logs.name)

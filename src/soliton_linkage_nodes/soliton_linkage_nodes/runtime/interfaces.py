@@ -70,11 +70,6 @@ def command_qos() -> QoSProfile:
     return reliable_qos(100)
 
 
-def image_qos() -> QoSProfile:
-    """Return a quality of service with a short queue, because displays need new pictures only."""
-    return reliable_qos(5)
-
-
 def latched_qos(depth: int = 1) -> QoSProfile:
     """Return a transient-local QoS: late subscribers receive the last `depth` messages."""
     latched = DurabilityPolicy.TRANSIENT_LOCAL
@@ -103,6 +98,9 @@ class Topic:
         node.create_subscription(self.type, self.name, take, self.qos, raw=raw)
 
 
+_DISPLAY_QOS = reliable_qos(5)
+"""Quality of service with a short queue, because displays need new pictures only."""
+
 JOINT_STATES = Topic('joint_states', JointState, stream_qos())
 NUDGE = Topic('nudge', Float64, command_qos())
 EDGE_COMMAND = Topic('edge_command', EdgeCommand, command_qos())
@@ -122,14 +120,14 @@ IDENTIFIED_CHAIN = Topic('identified_chain', Chain, latched_qos())
 DIAGNOSTICS = Topic('/diagnostics', DiagnosticArray, command_qos())
 CLOCK = Topic('/clock', Clock, stream_qos())
 ROBOT_DESCRIPTION = Topic('robot_description', String, latched_qos())
-MARKERS = Topic('markers', MarkerArray, image_qos())
-SOLITON_POSE = Topic('soliton_pose', PoseWithCovarianceStamped, image_qos())
-KYMOGRAPH = Topic('kymograph', Image, image_qos())
+MARKERS = Topic('markers', MarkerArray, _DISPLAY_QOS)
+SOLITON_POSE = Topic('soliton_pose', PoseWithCovarianceStamped, _DISPLAY_QOS)
+KYMOGRAPH = Topic('kymograph', Image, _DISPLAY_QOS)
 JOINT_STATE_DEVIATIONS = Topic('joint_state_deviations', JointState, stream_qos())
-IMAGE = Topic('image', Image, image_qos())
-COMPRESSED_IMAGE = Topic('image/compressed', CompressedImage, image_qos())
-CAMERA_INFO = Topic('camera_info', CameraInfo, image_qos())
-CAMERA_OVERLAY = Topic('camera_overlay', CompressedImage, image_qos())
+IMAGE = Topic('image', Image, _DISPLAY_QOS)
+COMPRESSED_IMAGE = Topic('image/compressed', CompressedImage, _DISPLAY_QOS)
+CAMERA_INFO = Topic('camera_info', CameraInfo, _DISPLAY_QOS)
+CAMERA_OVERLAY = Topic('camera_overlay', CompressedImage, _DISPLAY_QOS)
 MOVE_SOLITON = 'move_soliton'
 
 SUITE_TOPICS = (

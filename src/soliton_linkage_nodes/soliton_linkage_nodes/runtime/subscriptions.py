@@ -8,6 +8,7 @@ from dataclasses import replace
 from functools import partial, wraps
 from typing import Any
 
+import rclpy
 from rclpy.event_handler import QoSSubscriptionEventType, SubscriptionEventCallbacks
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
@@ -183,6 +184,17 @@ def qos_for_all(profiles: Sequence[QoSProfile], depth: int) -> QoSProfile:
 
 def _same_offer(one: QoSProfile, other: QoSProfile) -> bool:
     return (one.reliability, one.durability) == (other.reliability, other.durability)
+
+
+def create_inbox(owner: Node) -> Node:
+    """Create a node for subscriptions whose messages `owner` takes itself, without an executor."""
+    return rclpy.create_node(
+        f'_{owner.get_name()}_inbox',
+        namespace=owner.get_namespace(),
+        context=owner.context,
+        enable_rosout=False,
+        start_parameter_services=False,
+    )
 
 
 def subscribe_newest(

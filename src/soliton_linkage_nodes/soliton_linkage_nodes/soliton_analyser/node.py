@@ -29,6 +29,7 @@ from soliton_linkage_nodes.messages.joint_state_analysis import JointStateAnalys
 from soliton_linkage_nodes.messages.state_conversions import events_to_msgs, state_to_msg
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Increments, Report
+from soliton_linkage_nodes.runtime.interfaces import Topic
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
 from soliton_linkage_nodes.runtime.parameters import current
 from soliton_linkage_nodes.runtime.process import run
@@ -118,19 +119,11 @@ class SolitonAnalyser(ManagedNode):
             self, self.diagnostics, self._on_chain, OptionalChainSourceParameters
         )
         self._encoders = EncoderMonitor(self.get_logger().warning)
-        topic = interfaces.DELIVERED_IMPULSES
-        self._apply_impulses = self.diagnostics.guarded(topic.name, self._analysis.add_impulses)
-        take_impulses = self.while_active(partial(self._act_or_wait, self._apply_impulses))
-        self._impulses = CountedSubscription(
-            self, topic, take_impulses, self.diagnostics, raw=True
-        )
-        topic = interfaces.JOINT_STATE_DEVIATIONS
         self._deviation_decoder = JointStateDecoder()
-        self._apply_deviations = self.diagnostics.guarded(topic.name, self._add_deviations)
-        take_deviations = self.while_active(partial(self._act_or_wait, self._apply_deviations))
-        self._deviations = CountedSubscription(
-            self, topic, take_deviations, self.diagnostics, raw=True
-        )
+        self._supplements = [
+            self._subscribe(interfaces.DELIVERED_IMPULSES, self._analysis.add_impulses),
+            self._subscribe(interfaces.JOINT_STATE_DEVIATIONS, self._add_deviations),
+        ]
         take = self.while_active(self.take)
         self._frames_of = StreamSubscription(
             self,
@@ -146,6 +139,11 @@ class SolitonAnalyser(ManagedNode):
         self.create_timer(_LONGEST_ASSEMBLY, self._end_assembly)
         name = self.resolve_topic_name(frames.name)
         self.get_logger().info(f'analysing {name} of {self._source.description}')
+
+    def _subscribe(self, topic: Topic, act: Callable[[bytes], None]) -> CountedSubscription:
+        guarded = self.diagnostics.guarded(topic.name, act)
+        take = self.while_active(partial(self._act_or_wait, guarded))
+        return CountedSubscription(self, topic, take, self.diagnostics, raw=True)
 
     def deactivate(self) -> None:
         """Drop the messages that are stored until the chain is known."""
@@ -163,8 +161,8 @@ class SolitonAnalyser(ManagedNode):
         # but messages of different topics arrive in any order.
         if self.settings.stamps == 'arrival':
             serialized = stamped(serialized, self._frames_of.received_at)
-        self._impulses.take_waiting()
-        self._deviations.take_waiting()
+        for supplement in self._supplements:
+            supplement.take_waiting()
         self._act_or_wait(self._analyse, serialized)
 
     def _act_or_wait(self, act: Callable[[bytes], None], serialized: bytes) -> None:

@@ -19,7 +19,7 @@ from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage.orbit.deviating_orbit import orbit_of
 from soliton_linkage.steering.phonon_energy_estimator import PhononEnergyEstimator
 from soliton_linkage.steering.settings import SteeringSettings
-from soliton_linkage.steering.steering import MoveResult, Outcome, Steering, WallState
+from soliton_linkage.steering.steering import MoveResult, Outcome, Steering
 from soliton_linkage.steering.torque_allocation import TorqueAllocation
 from soliton_linkage_msgs.action import MoveSoliton
 from soliton_linkage_nodes.messages.cdr import JointStateDecoder, TorqueBuffer, publish_buffer
@@ -79,28 +79,18 @@ class SteeredChain:
             self.limitation = str(error)
         allocation = TorqueAllocation(orbit, rotors, settings.torque_limit, settings.strain_limit)
         self.steering = Steering(orbit, allocation, SteeringSettings(tolerance=settings.tolerance))
-        self._phonons = PhononEnergyEstimator(orbit)
+        self.phonons = PhononEnergyEstimator(orbit)
         self._epoch: int | None = None
-
-    @property
-    def wall(self) -> WallState | None:
-        """State of the soliton, or None if no soliton is detected."""
-        return self.steering.wall
 
     @property
     def site(self) -> float:
         """Position of the soliton [rotor spacings], NaN if no soliton is detected."""
-        return math.nan if self.wall is None else self.wall.site
-
-    @property
-    def phonon_energy(self) -> float:
-        """Estimated energy of the phonons in the chain [J]."""
-        return self._phonons.energy
+        return math.nan if self.steering.wall is None else self.steering.wall.site
 
     def reset(self) -> None:
         """Discard all frames received so far; not allowed while a soliton is moved or held."""
         self.steering.reset()
-        self._phonons = PhononEnergyEstimator(self.steering.orbit)
+        self.phonons = PhononEnergyEstimator(self.steering.orbit)
 
     def observe(self, stamp: int, frame: Frame) -> tuple[Array | None, MoveResult | None]:
         """Process a frame; return the torques to apply and the result of the move.
@@ -114,7 +104,7 @@ class SteeredChain:
         held = self.steering.holding
         ended = self.steering.observe(instant, frame.angles)
         if self.steering.estimate is not None:
-            self._phonons.update(instant, frame.rates, self.steering.estimate.arc)
+            self.phonons.update(instant, frame.rates, self.steering.estimate.arc)
         torques = self.steering.torques()
         return torques if held or self.steering.holding else None, ended
 
@@ -230,7 +220,7 @@ class SolitonSteering(ManagedNode):
                 self.get_logger().warning(ended.message)
             self.server.conclude(ended)
             self.diagnostics.publish()
-        self.server.publish_feedback(self.chain.wall, self.chain.phonon_energy)
+        self.server.publish_feedback(self.chain.steering.wall, self.chain.phonons.energy)
         self._joint_states.dispatch(self.holding)
 
     def _read(self, chain: SteeredChain, serialized: bytes) -> tuple[int, Frame]:
@@ -351,7 +341,7 @@ def report(chain: SteeredChain | None, silent: bool, server: MoveServer) -> Repo
     `silent` is whether joint states have stopped arriving.
     """
     goal, ended = server.goal, server.ended
-    wall = None if chain is None or silent else chain.wall
+    wall = None if chain is None or silent else chain.steering.wall
     message = (
         'waiting for the topic chain'
         if chain is None
@@ -367,7 +357,7 @@ def report(chain: SteeredChain | None, silent: bool, server: MoveServer) -> Repo
     )
     values = {
         'rotor': math.nan if chain is None else chain.site,
-        'phonon energy [J]': math.nan if chain is None else chain.phonon_energy,
+        'phonon energy [J]': math.nan if chain is None else chain.phonons.energy,
         'moves begun': server.begun,
         'move from rotor': math.nan if goal is None else server.start,
         'move to rotor': math.nan if goal is None else goal.request.rotor,

@@ -7,7 +7,6 @@ import time
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-import rclpy
 from std_msgs.msg import String
 
 from soliton_linkage.linkage.quantities import quantity
@@ -19,6 +18,7 @@ from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Increments, R
 from soliton_linkage_nodes.runtime.guarded import GuardedNode
 from soliton_linkage_nodes.runtime.parameters import declare, reject_unknown
 from soliton_linkage_nodes.runtime.process import run
+from soliton_linkage_nodes.runtime.subscriptions import create_inbox
 from soliton_linkage_nodes.visualisation.observed_chain import ObservedChain
 from soliton_linkage_nodes.visualisation.publishers import (
     KymographPublisher,
@@ -65,14 +65,7 @@ class Visualisation(GuardedNode):
         super().__init__('visualisation', **kwargs)
         self.settings = settings = declare(self, VisualisationParameters)
         self._limits = declare(self, JointLimits, 'limits.')
-        self._inbox = rclpy.create_node(
-            '_visualisation_inbox',
-            namespace=self.get_namespace(),
-            context=self.context,
-            cli_args=[],
-            enable_rosout=False,
-            start_parameter_services=False,
-        )
+        self._inbox = create_inbox(self)
         self.observed = ObservedChain(self._inbox, self)
         self._description = interfaces.ROBOT_DESCRIPTION.publisher(self)
         length, rate = settings.kymograph_length, settings.kymograph_rate
