@@ -3,11 +3,11 @@ import math
 
 import numpy as np
 import pytest
+from page_messages import unpack
 
 from soliton_linkage.linear.rigidity import zero_mode
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage_nodes.live_view.chain_model import MOST_ANGLES, ChainModel, overview
-from soliton_linkage_nodes.live_view.frame_layout import unpack
 from soliton_linkage_nodes.messages.conversions import JointStates, NamedChain, default_joint_names
 
 

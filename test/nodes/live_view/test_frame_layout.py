@@ -3,15 +3,14 @@ import math
 import struct
 
 import numpy as np
+from page_messages import kind_of, unpack
 
 from soliton_linkage_nodes.live_view.frame_layout import (
     ARRAYS,
     FIELDS,
     Column,
-    kind_of,
     pack,
     pack_history,
-    unpack,
 )
 
 

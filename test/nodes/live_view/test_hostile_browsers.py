@@ -8,13 +8,13 @@ import pytest
 from hostile_values import BEYOND, PATIENT, TEXTS, messages
 from hypothesis import given
 from hypothesis import strategies as st
+from page_messages import kind_of, unpack
 from rclpy.serialization import serialize_message
 
 from soliton_linkage.linkage.quantities import Quantity
 from soliton_linkage_nodes.live_view import chain_topics
 from soliton_linkage_nodes.live_view.chain_topics import ChainFinder
 from soliton_linkage_nodes.live_view.commands import ChainCommands
-from soliton_linkage_nodes.live_view.frame_layout import kind_of, unpack
 from soliton_linkage_nodes.live_view.stream import BrowserStream
 from soliton_linkage_nodes.live_view.view import View
 from soliton_linkage_nodes.messages.view_conversions import AdjustableParameter, parameter_value

@@ -6,9 +6,10 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+from page_messages import kind_of, unpack
 
 from soliton_linkage_nodes.live_view.chain_model import ChainModel
-from soliton_linkage_nodes.live_view.frame_layout import kind_of, pack_camera, unpack
+from soliton_linkage_nodes.live_view.frame_layout import pack_camera
 from soliton_linkage_nodes.live_view.stream import BrowserStream
 from soliton_linkage_nodes.messages.conversions import JointStates
 

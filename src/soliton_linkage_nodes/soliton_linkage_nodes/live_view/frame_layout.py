@@ -75,18 +75,6 @@ def pack(numbers: Mapping[str, float], arrays: Mapping[str, Array | Floats]) -> 
     return b''.join([np.array(head, dtype='<f8').tobytes(), *(part.tobytes() for part in parts)])
 
 
-def unpack(frame: bytes) -> tuple[dict[str, float], dict[str, Floats]]:
-    """Return the fields and the arrays of a packed frame."""
-    head = np.frombuffer(frame, '<f8', 1 + len(FIELDS) + len(ARRAYS))
-    begin = head.nbytes
-    numbers = dict(zip(FIELDS, head[1:].tolist(), strict=False))
-    arrays: dict[str, Floats] = {}
-    for name, count in zip(ARRAYS, head[1 + len(FIELDS) :], strict=True):
-        arrays[name] = np.frombuffer(frame, '<f4', int(count), begin)
-        begin += 4 * int(count)
-    return numbers, arrays
-
-
 def pack_history(chain: int, columns: Iterable[Column]) -> bytes:
     """Return the history message of a chain, which contains its past states `columns`.
 
@@ -108,8 +96,3 @@ def pack_history(chain: int, columns: Iterable[Column]) -> bytes:
 def pack_camera(chain: int, stamp: float, age: float, jpeg: bytes) -> bytes:
     """Return a picture message: doubles (kind, chain index, stamp [s], age [s]), then the JPEG."""
     return np.array([CAMERA, chain, stamp, age], dtype='<f8').tobytes() + jpeg
-
-
-def kind_of(message: bytes) -> str:
-    """Return the kind of a message, one of `KINDS`."""
-    return KINDS[int(np.frombuffer(message, '<f8', 1)[0])]
