@@ -19,6 +19,7 @@ from soliton_linkage.vision.opencv import Picture, opencv
 from soliton_linkage.vision.overlay import draw_overlay
 from soliton_linkage.vision.video import capture_camera
 from soliton_linkage_msgs.msg import SolitonState
+from soliton_linkage_nodes.messages import picture_conversions as pictures
 from soliton_linkage_nodes.messages.camera_measurement import (
     CameraMeasurement,
     CameraParameters,
@@ -31,13 +32,6 @@ from soliton_linkage_nodes.messages.camera_measurement import (
 )
 from soliton_linkage_nodes.messages.chain_source import CHAIN_SOURCE_PARAMETERS, ChainSource
 from soliton_linkage_nodes.messages.conversions import FRAME, NamedChain
-from soliton_linkage_nodes.messages.picture_conversions import (
-    camera_from_msg,
-    picture_from_compressed_msg,
-    picture_from_msg,
-    picture_to_compressed_msg,
-    read_camera,
-)
 from soliton_linkage_nodes.messages.state_conversions import solitons_from_msg
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Increments, Report
@@ -108,7 +102,7 @@ class CameraEncoders(ManagedNode):
         self._markers = current(self, MarkerSettings, 'markers.')
         self._camera: Camera | None = None
         if self.settings.camera_file:
-            self._camera = read_camera(Path(self.settings.camera_file))
+            self._camera = pictures.read_camera(Path(self.settings.camera_file))
         self._named: NamedChain | None = None
         self._measurement: CameraMeasurement | None = None
         self._reading: CameraReading | None = None
@@ -179,7 +173,7 @@ class CameraEncoders(ManagedNode):
             else []
         )
         drawn = draw_overlay(picture, reading.frame, named.joint_names, walls)
-        self._overlay.publish(picture_to_compressed_msg(reading.stamp, FRAME, drawn))
+        self._overlay.publish(pictures.picture_to_compressed_msg(reading.stamp, FRAME, drawn))
 
     def _read_camera(self) -> None:
         closing, take = self._closing, self.diagnostics.guarded('picture', self.measure)
@@ -195,9 +189,9 @@ class CameraEncoders(ManagedNode):
         """Subscribe to the selected source of pictures, and return its description."""
         if self.settings.pictures_from == 'camera':
             return f'pictures of camera {self.settings.camera}'
-        topic, picture_of = interfaces.IMAGE, picture_from_msg
+        topic, picture_of = interfaces.IMAGE, pictures.picture_from_msg
         if self.settings.pictures_from == 'compressed':
-            topic, picture_of = interfaces.COMPRESSED_IMAGE, picture_from_compressed_msg
+            topic, picture_of = interfaces.COMPRESSED_IMAGE, pictures.picture_from_compressed_msg
 
         def measure(message: Any) -> None:
             self.measure(time_from_msg(message.header.stamp), picture_of(message))
@@ -213,7 +207,7 @@ class CameraEncoders(ManagedNode):
         self._state = time_from_msg(message.header.stamp), solitons_from_msg(message)
 
     def _on_camera_info(self, message: CameraInfo) -> None:
-        camera = camera_from_msg(message)
+        camera = pictures.camera_from_msg(message)
         if camera is not None and camera != self._camera:
             self._camera = camera
             self._reset_measurement()

@@ -20,14 +20,7 @@ from soliton_linkage.linear.rigidity import Edge, resolved_edge_mode
 from soliton_linkage_msgs import msg
 from soliton_linkage_nodes.edge_actuator.parameters import EdgeActuatorParameters
 from soliton_linkage_nodes.edge_actuator.topics import ActuatorPublishers, LatestFrames
-from soliton_linkage_nodes.messages.command_conversions import (
-    JointActuators,
-    StampRule,
-    edge_command_from_msg,
-    efforts_from_array,
-    efforts_from_msg,
-    trajectory_from_msg,
-)
+from soliton_linkage_nodes.messages import command_conversions as conversions
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime.stamps import time_from_msg
 
@@ -41,7 +34,7 @@ class ActuatedChain:
     """Chain, the actuators of its joints, and the driver that computes their torques."""
 
     named: NamedChain
-    joints: JointActuators
+    joints: conversions.JointActuators
     driver: ChainDriver
 
 
@@ -82,7 +75,7 @@ class Commands:
 
     def edge_command(self, source: str, message: msg.EdgeCommand) -> None:
         """Execute a command to the actuator at an edge."""
-        command = edge_command_from_msg(message)
+        command = conversions.edge_command_from_msg(message)
         self._check_made(message.header.stamp)
         self._rule.check_length(source, command.length)
         if command.waveform is None:
@@ -93,7 +86,7 @@ class Commands:
     def joint_commands(self, source: str, message: JointState) -> None:
         """Apply constant torques to the joints that the message names."""
         chain = self._ready()
-        rotors, torques = efforts_from_msg(chain.joints, source, message)
+        rotors, torques = conversions.efforts_from_msg(chain.joints, source, message)
         self._check_made(message.header.stamp)
         self._frames.check_fresh()
         chain.driver.hold(source, rotors, torques)
@@ -101,7 +94,7 @@ class Commands:
     def efforts(self, source: str, message: Float64MultiArray) -> None:
         """Apply constant torques to all joints with an actuator."""
         chain = self._ready()
-        rotors, torques = efforts_from_array(chain.joints, source, message)
+        rotors, torques = conversions.efforts_from_array(chain.joints, source, message)
         self._frames.check_fresh()
         chain.driver.hold(source, rotors, torques)
 
@@ -116,7 +109,7 @@ class Commands:
             names = message.joint_names or chain.joints.names
             chain.driver.hold(source, *chain.joints.checked(source, names, np.zeros(len(names))))
             return
-        rotors, times, torques = trajectory_from_msg(chain.joints, source, message)
+        rotors, times, torques = conversions.trajectory_from_msg(chain.joints, source, message)
         made = time_from_msg(message.header.stamp)
         delay = self._rule.delay(source, made, self._publishers.now, float(times[-1]))
         self._frames.check_fresh()
@@ -126,8 +119,8 @@ class Commands:
         self._rule.check_at_once('the command', time_from_msg(stamp), self._publishers.now)
 
     @property
-    def _rule(self) -> StampRule:
-        return StampRule(self.settings.command_timeout, self.settings.longest_command)
+    def _rule(self) -> conversions.StampRule:
+        return conversions.StampRule(self.settings.command_timeout, self.settings.longest_command)
 
     def _command(self, source: str, command: EdgeCommand) -> None:
         command.check(self._limits, self._actuator)

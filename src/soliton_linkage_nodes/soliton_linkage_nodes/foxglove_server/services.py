@@ -8,14 +8,7 @@ from concurrent.futures import Future, InvalidStateError
 from concurrent.futures import TimeoutError as LateError
 from contextlib import suppress
 
-from foxglove import Schema
-from foxglove.websocket import (
-    MessageSchema,
-    Service,
-    ServiceRequest,
-    ServiceSchema,
-    WebSocketServer,
-)
+from foxglove import Schema, websocket
 from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
@@ -42,18 +35,18 @@ class OfferedService:
         # The name of the type comes from an untrusted source. Therefore only ROS packages are
         # imported.
         request, response = (
-            MessageSchema(
+            websocket.MessageSchema(
                 encoding='cdr',
                 schema=Schema(name=f'{type_}_{half}', encoding='ros2msg', data=text.encode()),
             )
             for half, text in zip(('Request', 'Response'), service_definitions(type_), strict=True)
         )
         self._service_type = interface_type(type_, 'srv')
-        schema = ServiceSchema(type_, request=request, response=response)
-        self.description = Service(name, schema=schema, handler=self._respond)
+        schema = websocket.ServiceSchema(type_, request=request, response=response)
+        self.description = websocket.Service(name, schema=schema, handler=self._respond)
         self._node, self._queue, self._reject = node, queue, reject
         self._client: Client | None = None
-        self._waiting: list[tuple[ServiceRequest, Future[bytes]]] = []
+        self._waiting: list[tuple[websocket.ServiceRequest, Future[bytes]]] = []
 
     def poll(self) -> None:
         """Send the requests that wait for the service, if it is available."""
@@ -77,7 +70,7 @@ class OfferedService:
         if self._client is not None:
             self._node.destroy_client(self._client)
 
-    def _respond(self, request: ServiceRequest) -> bytes:
+    def _respond(self, request: websocket.ServiceRequest) -> bytes:
         """Return the response of the service to a request; called in a thread of the server."""
         answer: Future[bytes] = Future()
         self._queue(lambda: self._waiting.append((request, answer)))
@@ -87,7 +80,9 @@ class OfferedService:
             answer.cancel()
             raise ValueError(f'{self.name} did not respond in {self.answer_timeout:g} s') from None
 
-    def _call(self, client: Client, request: ServiceRequest, answer: Future[bytes]) -> None:
+    def _call(
+        self, client: Client, request: websocket.ServiceRequest, answer: Future[bytes]
+    ) -> None:
         kind = self._service_type.Request
         try:
             # Clients send a request without fields as one byte or as no byte at all.
@@ -106,7 +101,9 @@ class OfferedService:
 class OfferedServices:
     """Services of the ROS graph for clients, except services of this node and of actions."""
 
-    def __init__(self, node: Node, server: WebSocketServer, queue: Queue, reject: Reject) -> None:
+    def __init__(
+        self, node: Node, server: websocket.WebSocketServer, queue: Queue, reject: Reject
+    ) -> None:
         """Offer services on `server`; call `reject` for each one whose type is not installed."""
         self.services: dict[str, OfferedService] = {}
         self._node, self._server, self._queue, self._reject = node, server, queue, reject

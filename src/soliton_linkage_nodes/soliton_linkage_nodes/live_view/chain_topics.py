@@ -15,17 +15,11 @@ from rclpy.serialization import deserialize_message
 from soliton_linkage_msgs.msg import LastKick, SolitonState
 from soliton_linkage_nodes.live_view.chain_model import ChainModel
 from soliton_linkage_nodes.live_view.frame_layout import pack_camera
+from soliton_linkage_nodes.messages import view_conversions as views
 from soliton_linkage_nodes.messages.cdr import stamp_of
 from soliton_linkage_nodes.messages.conversions import JointStates, chain_from_msg
 from soliton_linkage_nodes.messages.frames import NewestFrame
 from soliton_linkage_nodes.messages.picture_conversions import jpeg_from_msg
-from soliton_linkage_nodes.messages.view_conversions import (
-    NodeReport,
-    figure,
-    reports_from_msg,
-    soliton_values,
-    state_numbers,
-)
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription, subscribe_newest
@@ -246,7 +240,7 @@ class ChainTopics:
         if paired or (self._apart and self._analysed):
             state = paired[-1] if paired else next(reversed(self._analysed))
             message = deserialize_message(self._analysed[state], SolitonState)
-            self.model.update_state(state_numbers(message), soliton_values(message))
+            self.model.update_state(views.state_numbers(message), views.soliton_values(message))
         elif not self._apart:
             self.model.clear_state()
         if self._frames:
@@ -255,7 +249,9 @@ class ChainTopics:
                 skipped = self._analysed.get(stamp)
                 self.model.extend_history(
                     self._frames[stamp],
-                    state_numbers(deserialize_message(skipped, SolitonState)) if skipped else {},
+                    views.state_numbers(deserialize_message(skipped, SolitonState))
+                    if skipped
+                    else {},
                 )
             self.model.update_joints(self._frames[frame])
         # Delete messages in the order of their arrival, because stamps may restart at a reset.
@@ -296,7 +292,7 @@ class ChainFinder:
 
     def __init__(self, node: Node, expected: str) -> None:
         self.chains: dict[str, ChainTopics] = {expected: ChainTopics(node, expected)}
-        self.reports: dict[str, tuple[float, NodeReport]] = {}
+        self.reports: dict[str, tuple[float, views.NodeReport]] = {}
         """Time of reception [s, monotonic clock] and content of the last report of each node. The
         keys are full node names."""
         self.nodes: list[str] = []
@@ -311,13 +307,13 @@ class ChainFinder:
         for chain in list(self.chains.values()):
             chain.update()
         for message, _ in self._diagnostics.waiting():
-            for report in reports_from_msg(message):
+            for report in views.reports_from_msg(message):
                 self.reports[report.node] = (time.monotonic(), report)
                 if 'missed deadlines' in report.figures:
                     namespace = f'/{report.node.lstrip("/")}'.rpartition('/')[0] + '/'
                     counts = self._deadlines.setdefault(namespace, deque())
                     missed, frames = (
-                        figure(report.figures, k) for k in ('missed deadlines', 'frames')
+                        views.figure(report.figures, k) for k in ('missed deadlines', 'frames')
                     )
                     counts.append((time.monotonic(), missed, frames))
         if time.monotonic() - self._searched >= _SEARCH_INTERVAL:

@@ -53,6 +53,7 @@ ARRAYS = (
     'mode',  # component of the zero mode at each shown rotor [1]
     'solitons',  # position [rotor spacings], standard deviation [m] and charge of each soliton
 )
+LAYOUT = {'kinds': KINDS, 'fields': FIELDS, 'arrays': ARRAYS, 'energies': ENERGIES}
 
 
 class Column(NamedTuple):

@@ -16,14 +16,7 @@ from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
 import uvicorn
-from fastapi import FastAPI, WebSocket, WebSocketDisconnect
-from fastapi.responses import (
-    FileResponse,
-    HTMLResponse,
-    PlainTextResponse,
-    RedirectResponse,
-    Response,
-)
+from fastapi import FastAPI, WebSocket, WebSocketDisconnect, responses
 from fastapi.staticfiles import StaticFiles
 from starlette.requests import HTTPConnection
 
@@ -73,21 +66,21 @@ def application(
 
     created.mount('/docs/pictures', StaticFiles(directory=_PICTURES, check_dir=False))
 
-    @created.get('/live/{name}', response_class=Response)
-    async def own_file(name: str) -> Response:
+    @created.get('/live/{name}', response_class=responses.Response)
+    async def own_file(name: str) -> responses.Response:
         if name not in files:
-            return Response(status_code=404)
-        return FileResponse(files[name], headers={'cache-control': 'no-cache'})
+            return responses.Response(status_code=404)
+        return responses.FileResponse(files[name], headers={'cache-control': 'no-cache'})
 
-    @created.get('/share', response_class=Response)
-    async def shared(chain: str) -> Response:
+    @created.get('/share', response_class=responses.Response)
+    async def shared(chain: str) -> responses.Response:
         try:
             text = share(chain)
         except ValueError as error:
-            return PlainTextResponse(f'{error}\n', 409)
+            return responses.PlainTextResponse(f'{error}\n', 409)
         name = time.strftime('soliton_%Y_%m_%d-%H_%M_%S.html')
         headers = {'content-disposition': f'attachment; filename="{name}"'}
-        return HTMLResponse(text, headers=headers)
+        return responses.HTMLResponse(text, headers=headers)
 
     @created.websocket('/stream')
     async def stream(websocket: WebSocket) -> None:
@@ -212,10 +205,10 @@ class Gate:
                 await send({'type': 'websocket.close', 'code': 1008, 'reason': reason})
                 return
             if reason:
-                answer = PlainTextResponse(f'{reason}\n', 403)
+                answer = responses.PlainTextResponse(f'{reason}\n', 403)
             elif scope['type'] == 'http' and self._token and in_address:
                 # Redirect to the address without the token to keep the token out of the history.
-                answer = redirection = RedirectResponse(scope['path'], 303)
+                answer = redirection = responses.RedirectResponse(scope['path'], 303)
                 redirection.set_cookie(_COOKIE, self._token, httponly=True, samesite='strict')
             elif scope['type'] == 'http' and not scope['path'].strip('/' + _PUNCTUATION):
                 scope = {**scope, 'path': '/', 'raw_path': b'/'}

@@ -14,14 +14,7 @@ from typing import TYPE_CHECKING, Any
 from soliton_linkage_nodes.bags.guards import load_json
 from soliton_linkage_nodes.live_view.chain_model import MOST_ANGLES
 from soliton_linkage_nodes.live_view.chain_topics import ChainTopics
-from soliton_linkage_nodes.live_view.frame_layout import (
-    ARRAYS,
-    ENERGIES,
-    FIELDS,
-    KINDS,
-    Column,
-    pack_history,
-)
+from soliton_linkage_nodes.live_view.frame_layout import LAYOUT, Column, pack_history
 from soliton_linkage_nodes.live_view.pulling import Pull
 from soliton_linkage_nodes.live_view.view import ALL, View
 
@@ -82,8 +75,7 @@ class BrowserStream:
 
     async def run(self) -> None:
         """Serve the browser until the socket raises an error."""
-        layout = {'kinds': KINDS, 'fields': FIELDS, 'arrays': ARRAYS, 'energies': ENERGIES}
-        await self._socket.send_text(json.dumps({'layout': layout}))
+        await self._socket.send_text(json.dumps({'layout': LAYOUT}))
         tasks = [asyncio.ensure_future(task) for task in (self._send(), self._receive())]
         try:
             done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)

@@ -21,15 +21,7 @@ from std_msgs.msg import Float64, Float64MultiArray, String
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
-from soliton_linkage_msgs.msg import (
-    Chain,
-    Delivery,
-    EdgeCommand,
-    LastKick,
-    RotorImpulses,
-    SolitonEvent,
-    SolitonState,
-)
+from soliton_linkage_msgs import msg
 
 _DEEPEST_QUEUE = 1000
 """Largest queue depth of a stream [messages], one second at 1000 Hz."""
@@ -103,20 +95,20 @@ _DISPLAY_QOS = reliable_qos(5)
 
 JOINT_STATES = Topic('joint_states', JointState, stream_qos())
 NUDGE = Topic('nudge', Float64, command_qos())
-EDGE_COMMAND = Topic('edge_command', EdgeCommand, command_qos())
+EDGE_COMMAND = Topic('edge_command', msg.EdgeCommand, command_qos())
 JOINT_COMMANDS = Topic('joint_commands', JointState, command_qos())
 EFFORT_COMMANDS = Topic('edge_actuator/commands', Float64MultiArray, command_qos())
 JOINT_TRAJECTORY = Topic('edge_actuator/joint_trajectory', JointTrajectory, command_qos())
-LAST_KICK = Topic('last_kick', LastKick, latched_qos())
-DELIVERY = Topic('delivery', Delivery, latched_qos(_DEEPEST_QUEUE))
-ROTOR_IMPULSES = Topic('rotor_impulses', RotorImpulses, command_qos())
-DELIVERED_IMPULSES = Topic('delivered_impulses', RotorImpulses, command_qos())
+LAST_KICK = Topic('last_kick', msg.LastKick, latched_qos())
+DELIVERY = Topic('delivery', msg.Delivery, latched_qos(_DEEPEST_QUEUE))
+ROTOR_IMPULSES = Topic('rotor_impulses', msg.RotorImpulses, command_qos())
+DELIVERED_IMPULSES = Topic('delivered_impulses', msg.RotorImpulses, command_qos())
 ROTOR_TORQUES = Topic('rotor_torques', JointState, command_qos())
 TILT = Topic('tilt', Float64, command_qos())
-SOLITON_STATE = Topic('soliton_state', SolitonState, stream_qos())
-SOLITON_EVENTS = Topic('soliton_events', SolitonEvent, stream_qos())
-CHAIN = Topic('chain', Chain, latched_qos())
-IDENTIFIED_CHAIN = Topic('identified_chain', Chain, latched_qos())
+SOLITON_STATE = Topic('soliton_state', msg.SolitonState, stream_qos())
+SOLITON_EVENTS = Topic('soliton_events', msg.SolitonEvent, stream_qos())
+CHAIN = Topic('chain', msg.Chain, latched_qos())
+IDENTIFIED_CHAIN = Topic('identified_chain', msg.Chain, latched_qos())
 DIAGNOSTICS = Topic('/diagnostics', DiagnosticArray, command_qos())
 CLOCK = Topic('/clock', Clock, stream_qos())
 ROBOT_DESCRIPTION = Topic('robot_description', String, latched_qos())

@@ -12,12 +12,7 @@ from types import NoneType
 from typing import Any, TypeVar, cast, get_type_hints
 from weakref import WeakSet
 
-from rcl_interfaces.msg import (
-    FloatingPointRange,
-    IntegerRange,
-    ParameterDescriptor,
-    SetParametersResult,
-)
+from rcl_interfaces import msg
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -132,7 +127,7 @@ def type_complaint(kind: Parameter.Type, value: Any) -> str:
     return '' if fits else f'must be {_EXAMPLES[kind]}'
 
 
-def limits(descriptor: ParameterDescriptor) -> Quantity:
+def limits(descriptor: msg.ParameterDescriptor) -> Quantity:
     """Return the range and choices in a parameter's descriptor; an unlimited end becomes None."""
     ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
     ends = (ranges[0].from_value, ranges[0].to_value) if ranges else (math.inf, math.inf)
@@ -142,7 +137,7 @@ def limits(descriptor: ParameterDescriptor) -> Quantity:
     return Quantity('', '', low, high, tuple(filter(None, choices.split(', '))))
 
 
-def rejection(descriptor: ParameterDescriptor, value: Any) -> str:
+def rejection(descriptor: msg.ParameterDescriptor, value: Any) -> str:
     """Return the reason why a parameter cannot have a value, and a remedy; '' if it can."""
     name, kind = descriptor.name, Parameter.Type(descriptor.type)
     if descriptor.read_only:
@@ -177,13 +172,13 @@ def describe_range(described: Quantity) -> str:
     return f'{low:g} or more' if high is None else f'{low:g} to {high:g}'
 
 
-def _check(known: Mapping[str, Quantity], changes: Sequence[Parameter]) -> SetParametersResult:
+def _check(known: Mapping[str, Quantity], changes: Sequence[Parameter]) -> msg.SetParametersResult:
     for change in changes:
         complaint = change.name in known and known[change.name].complaint(change.value)
         if complaint:
             reason = f'parameter {change.name} = {change.value!r} {complaint}'
-            return SetParametersResult(successful=False, reason=reason)
-    return SetParametersResult(successful=True)
+            return msg.SetParametersResult(successful=False, reason=reason)
+    return msg.SetParametersResult(successful=True)
 
 
 def _convert_changes(node: Node) -> None:
@@ -225,8 +220,8 @@ def _field_value(type_: Parameter.Type, value: Any) -> Any:
     return tuple(value) if type_ in _LISTS else value
 
 
-def _descriptor(type_: Parameter.Type, described: Quantity) -> ParameterDescriptor:
-    descriptor = ParameterDescriptor(
+def _descriptor(type_: Parameter.Type, described: Quantity) -> msg.ParameterDescriptor:
+    descriptor = msg.ParameterDescriptor(
         type=type_.value,
         description=description_with_unit(described),
         read_only=not described.adjustable,
@@ -238,9 +233,9 @@ def _descriptor(type_: Parameter.Type, described: Quantity) -> ParameterDescript
     if type_ is Parameter.Type.INTEGER:
         low = -LARGEST_INTEGER if low is None else int(low)
         high = LARGEST_INTEGER if high is None else int(high)
-        descriptor.integer_range = [IntegerRange(from_value=low, to_value=high, step=1)]
+        descriptor.integer_range = [msg.IntegerRange(from_value=low, to_value=high, step=1)]
     else:
         low = float('-inf') if low is None else float(low)
         high = float('inf') if high is None else float(high)
-        descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+        descriptor.floating_point_range = [msg.FloatingPointRange(from_value=low, to_value=high)]
     return descriptor

@@ -12,15 +12,10 @@ from rclpy.node import Node
 
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage_msgs import msg
+from soliton_linkage_nodes.messages import view_conversions as views
 from soliton_linkage_nodes.messages.conversions import FRAME, NamedChain
 from soliton_linkage_nodes.messages.frames import FrameReader, NewestFrame
 from soliton_linkage_nodes.messages.marker_conversions import Wall, kick_from_msg, walls_from_msg
-from soliton_linkage_nodes.messages.view_conversions import (
-    NodeReport,
-    Numbers,
-    reports_from_msg,
-    state_numbers,
-)
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg, time_to_msg
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription, subscribe_newest
@@ -50,7 +45,7 @@ class ObservedChain:
         self.frames = 0
         self.states = 0
         self.state_stamp = Time()
-        self.numbers: Numbers = {}
+        self.numbers: views.Numbers = {}
         """Named values of the latest soliton state."""
         joints = owner.resolve_topic_name(interfaces.JOINT_STATES.name)
         self._joints = NewestFrame(inbox, joints)
@@ -59,7 +54,7 @@ class ObservedChain:
             for topic in (interfaces.SOLITON_STATE, interfaces.LAST_KICK)
         )
         self._diagnostics = AdaptiveSubscription(inbox, interfaces.DIAGNOSTICS)
-        self._reports: dict[str, tuple[float, NodeReport]] = {}
+        self._reports: dict[str, tuple[float, views.NodeReport]] = {}
         self._reader: FrameReader | None = None
         self._walls: list[Wall] = []
         self._kick: msg.LastKick | None = None
@@ -93,10 +88,10 @@ class ObservedChain:
         state = self._states.newest()
         if state is not None:
             self._walls, self.state_stamp = walls_from_msg(state), state.header.stamp
-            self.numbers = state_numbers(state)
+            self.numbers = views.state_numbers(state)
             self.states += 1
         for message, _ in self._diagnostics.waiting():
-            for report in reports_from_msg(message):
+            for report in views.reports_from_msg(message):
                 self._reports[report.node] = (time.monotonic(), report)
         self._kick = self._kicks.newest() or self._kick
         joints = self._joints.take() if self._reader else None
