@@ -16,16 +16,21 @@ from soliton_linkage_nodes.live_view.commands import READ_ONLY
 from soliton_linkage_nodes.messages.view_conversions import NodeReport
 
 
-class ReadOnlyCommands:
-    """Commands of a read-only page, which fail the test if they call a service."""
+class Commands:
+    """Commands that fail the test if they call a service."""
 
-    namespace = '/'
+    def __init__(self, read_only: bool) -> None:
+        self.read_only = read_only
+
+    def __call__(self, _: str) -> Commands:
+        return self
 
     async def call(self, *_: Any) -> None:
-        raise AssertionError('a read-only page called a service')
+        raise AssertionError('the page called a service')
 
     def check_writable(self) -> None:
-        raise ValueError(READ_ONLY)
+        if self.read_only:
+            raise ValueError(READ_ONLY)
 
 
 def finder(*reports: str) -> Any:
@@ -36,12 +41,12 @@ def finder(*reports: str) -> Any:
 RECORDER: dict[str, Callable[[BagRecording], Any]] = {
     'start': lambda recording: recording.start('/'),
     'stop': lambda recording: recording.stop(),
-    'pause': lambda recording: recording.request(ReadOnlyCommands(), 'pause'),
-    'snapshot': lambda recording: recording.request(ReadOnlyCommands(), 'snapshot'),
+    'pause': lambda recording: recording.request('pause'),
+    'snapshot': lambda recording: recording.request('snapshot'),
 }
 PLAYER: dict[str, Callable[[BagReplay], Awaitable[str]]] = {
     'play': lambda replay: replay.play('bag_0'),
-    'pause': lambda replay: replay.pause(ReadOnlyCommands(), True),
+    'pause': lambda replay: replay.pause(True),
     'loop': lambda replay: replay.set_loop(True),
     'rate': lambda replay: _at_rate(replay),
 }
@@ -49,7 +54,7 @@ PLAYER: dict[str, Callable[[BagReplay], Awaitable[str]]] = {
 
 async def _at_rate(replay: BagReplay) -> str:
     replay.running = True
-    return await replay.set_rate(ReadOnlyCommands(), 2.0)
+    return await replay.set_rate(2.0)
 
 
 def run(action: Any) -> None:
@@ -61,7 +66,7 @@ def run(action: Any) -> None:
 
 def test_a_read_only_page_records_nothing(tmp_path):
     for name in RECORDER:
-        recording = BagRecording(tmp_path, finder(), read_only=True)
+        recording = BagRecording(tmp_path, finder(), Commands(read_only=True))
         with pytest.raises(ValueError, match='this page is read-only'):
             run(RECORDER[name](recording))
         assert not list(tmp_path.iterdir())
@@ -70,20 +75,20 @@ def test_a_read_only_page_records_nothing(tmp_path):
 @pytest.mark.parametrize('name', PLAYER)
 def test_a_read_only_page_plays_nothing(tmp_path, named, name):
     write_bag(tmp_path / 'bag', run_of(named, 3))
-    replay = BagReplay(BagCatalogue([tmp_path]), tmp_path, finder(), read_only=True)
+    replay = BagReplay(BagCatalogue([tmp_path]), tmp_path, finder(), Commands(read_only=True))
     with pytest.raises(ValueError, match='this page is read-only'):
         run(PLAYER[name](replay))
     assert (replay.bag, replay.rate, replay.loop) == (None, 1.0, False)
 
 
 def test_no_recorder_is_started_beside_one_of_another_program(tmp_path):
-    recording = BagRecording(tmp_path, finder('/bag_recorder'), read_only=False)
+    recording = BagRecording(tmp_path, finder('/bag_recorder'), Commands(read_only=False))
     with pytest.raises(ValueError, match='another program is recording this chain'):
         recording.begin('/')
 
 
 def test_without_a_folder_nothing_is_recorded():
-    recording = BagRecording(None, finder(), read_only=False)
+    recording = BagRecording(None, finder(), Commands(read_only=False))
     with pytest.raises(ValueError, match='start live_view with bag_folders'):
         recording.begin('/')
 
@@ -98,7 +103,7 @@ class SimulatedRecorder(BagRecording):
 
 def test_record_answers_when_the_recorder_is_connected_to_all_publishers(tmp_path):
     found = finder('/bag_recorder')
-    recording = SimulatedRecorder(tmp_path, found, read_only=False)
+    recording = SimulatedRecorder(tmp_path, found, Commands(read_only=False))
 
     def report(message: str) -> None:
         received = time.monotonic(), NodeReport('/bag_recorder', 0, message, {})
@@ -117,7 +122,7 @@ def test_record_answers_when_the_recorder_is_connected_to_all_publishers(tmp_pat
 
 def test_stop_waits_for_the_state_of_the_newest_frame(tmp_path):
     found = finder()
-    recording = SimulatedRecorder(tmp_path, found, read_only=False)
+    recording = SimulatedRecorder(tmp_path, found, Commands(read_only=False))
     recording.begin('/')
     analysed = iter([False, False, True])
     asked: list[int] = []

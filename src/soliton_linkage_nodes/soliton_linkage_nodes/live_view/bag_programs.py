@@ -8,6 +8,7 @@ import contextlib
 import math
 import os
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -44,16 +45,16 @@ _RESULTS = {
     'split_bagfile': 'started a new file',
     'snapshot': 'wrote the snapshot',
 }
+CommandsOf = Callable[[str], ChainCommands]
+"""Function that returns the commands to the nodes in a namespace."""
 
 
 class _BagProgram:
     """Node that the page starts as a child process and controls by services."""
 
-    def __init__(self, node: str, finder: ChainFinder, read_only: bool) -> None:
+    def __init__(self, node: str, finder: ChainFinder, commands: CommandsOf) -> None:
         self.running = False
-        self._node = node
-        self._finder = finder
-        self._read_only = read_only
+        self._node, self._finder, self._commands = node, finder, commands
         self._processes: ChildProcesses | None = None
 
     def poll(self) -> str:
@@ -82,13 +83,8 @@ class _BagProgram:
         codes = await asyncio.to_thread(self._processes.stop) if self._processes else {}
         return codes.get(self._node, 0)
 
-    def _check_writable(self) -> None:
-        if self._read_only:
-            raise ValueError(READ_ONLY)
-
-    async def _request(
-        self, commands: ChainCommands, namespace: str, name: str, request: Any = None
-    ) -> str:
+    async def _request(self, namespace: str, name: str, request: Any = None) -> str:
+        commands = self._commands(namespace)
         commands.check_writable()
         service = service_type(name.title().replace('_', ''))
         service_name = f'{namespace}{self._node}/{name}'
@@ -102,8 +98,8 @@ class _BagProgram:
 class BagRecording(_BagProgram):
     """Recorder of one chain, started by the page or by another program."""
 
-    def __init__(self, folder: Path | None, finder: ChainFinder, read_only: bool) -> None:
-        super().__init__(_RECORDER, finder, read_only)
+    def __init__(self, folder: Path | None, finder: ChainFinder, commands: CommandsOf) -> None:
+        super().__init__(_RECORDER, finder, commands)
         self.namespace = '/'
         self.finished = 0
         self._folder = folder
@@ -123,7 +119,7 @@ class BagRecording(_BagProgram):
     @property
     def rejection(self) -> str:
         """Reason why no recorder can be started, or ''."""
-        if self._read_only:
+        if self._commands(self.namespace).read_only:
             return READ_ONLY
         if self._folder is None:
             return 'no folder for bags is set; start live_view with bag_folders'
@@ -159,7 +155,7 @@ class BagRecording(_BagProgram):
 
     async def stop(self) -> str:
         """Stop the recorder, which completes the bag."""
-        self._check_writable()
+        self._commands(self.namespace).check_writable()
         if not self.running:
             raise ValueError('this page is not recording; press Record first')
         await self._await_states()
@@ -170,9 +166,9 @@ class BagRecording(_BagProgram):
             raise ValueError(f'the recorder ended with exit code {code}; see its log')
         return 'the bag is complete'
 
-    async def request(self, commands: ChainCommands, name: str) -> str:
+    async def request(self, name: str) -> str:
         """Send a request to the recorder: `pause`, `resume`, `split_bagfile` or `snapshot`."""
-        return await self._request(commands, commands.namespace, name)
+        return await self._request(self.namespace, name)
 
     async def _await_states(self) -> None:
         """Wait at most 5 s for the soliton_state of the newest frame."""
@@ -187,9 +183,9 @@ class BagReplay(_BagProgram):
     """Player of one bag, in the namespace /replay."""
 
     def __init__(
-        self, catalogue: BagCatalogue, log_folder: Path, finder: ChainFinder, read_only: bool
+        self, catalogue: BagCatalogue, log_folder: Path, finder: ChainFinder, commands: CommandsOf
     ) -> None:
-        super().__init__(_PLAYER, finder, read_only)
+        super().__init__(_PLAYER, finder, commands)
         self.played = 0
         self.bag: CataloguedBag | None = None
         self.track = NO_TRACK
@@ -218,7 +214,7 @@ class BagReplay(_BagProgram):
 
     async def play(self, name: str, start: float = 0.0) -> str:
         """Play the bag `name`, beginning at `start` [s] after the start of the bag."""
-        self._check_writable()
+        self._commands(self.namespace).check_writable()
         async with self._changing:
             return await self._play(name, start)
 
@@ -244,15 +240,15 @@ class BagReplay(_BagProgram):
         self._start(self._log_folder, arguments)
         return f'playing {name}'
 
-    async def pause(self, commands: ChainCommands, paused: bool) -> str:
+    async def pause(self, paused: bool) -> str:
         """Pause or resume the replay; at the end of the bag, resuming plays it from its start."""
         if self.bag is not None and not self.running and not paused:
             return await self.play(self.bag.name)
-        answer = await self._request(commands, REPLAY, 'pause' if paused else 'resume')
+        answer = await self._request(REPLAY, 'pause' if paused else 'resume')
         self.paused = paused
         return answer
 
-    async def seek(self, commands: ChainCommands, at: float) -> str:
+    async def seek(self, at: float) -> str:
         """Continue the replay at the time `at` after the start of the bag [s]."""
         if self.bag is None:
             raise ValueError('no bag is playing')
@@ -261,13 +257,13 @@ class BagReplay(_BagProgram):
         if not self.running:
             return await self.play(self.bag.name, at)
         request = service_type('Seek').Request(time=time_to_msg(self.bag.stamp_of(at)))
-        await self._request(commands, REPLAY, 'seek', request)
+        await self._request(REPLAY, 'seek', request)
         if not self.paused:
             return f'continued at {at:.1f} s'
-        await self._show_frame(commands)
+        await self._show_frame()
         return f'paused at {at:.1f} s'
 
-    async def _show_frame(self, commands: ChainCommands) -> None:
+    async def _show_frame(self) -> None:
         """Play messages of a paused replay until a frame and its soliton_state have arrived."""
         chain = self._finder.chains.get(self.namespace)
         if chain is None or self.bag is None:
@@ -279,7 +275,7 @@ class BagReplay(_BagProgram):
             # The player rejects a step while it reads the bag at the new time.
             if steps < _MOST_STEPS:
                 with contextlib.suppress(ValueError):
-                    await self._request(commands, REPLAY, 'play_next')
+                    await self._request(REPLAY, 'play_next')
                     steps, deadline = steps + 1, time.monotonic() + _LONGEST_SEEK
             await asyncio.sleep(_STEP_INTERVAL)
             if chain.newest_frame != before:
@@ -287,17 +283,17 @@ class BagReplay(_BagProgram):
                 if not analysed or (chain.newest_state != state and chain.newest_state >= first):
                     return
 
-    async def set_rate(self, commands: ChainCommands, rate: float) -> str:
+    async def set_rate(self, rate: float) -> str:
         """Set the speed of the replay relative to the recorded speed [1]."""
         if self.running:
             request = service_type('SetRate').Request(rate=rate)
-            await self._request(commands, REPLAY, 'set_rate', request)
+            await self._request(REPLAY, 'set_rate', request)
         self.rate = rate
         return f'playing at {rate:g} × the recorded speed'
 
     async def set_loop(self, loop: bool) -> str:
         """Set whether the replay repeats the bag; a running player restarts at its position."""
-        self._check_writable()
+        self._commands(self.namespace).check_writable()
         async with self._changing:
             self.loop = loop
             if self.bag is not None and self.running:

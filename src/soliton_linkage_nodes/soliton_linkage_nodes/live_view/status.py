@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import re
 import time
@@ -46,7 +45,7 @@ _SERVICES = {
 CONTROLS = (*_TOPICS, *_SERVICES)
 
 
-def reasons(chain: ChainTopics, commands: ChainCommands) -> dict[str, str]:
+def _reasons(chain: ChainTopics, commands: ChainCommands) -> dict[str, str]:
     """Return for each control of a chain why it is disabled, '' if it is enabled."""
     if commands.read_only:
         return dict.fromkeys(CONTROLS, READ_ONLY)
@@ -75,7 +74,7 @@ def reports_of(finder: ChainFinder, namespace: str) -> list[tuple[float, NodeRep
     ]
 
 
-def health(finder: ChainFinder, chain: ChainTopics) -> dict[str, Any]:
+def _health(finder: ChainFinder, chain: ChainTopics) -> dict[str, Any]:
     """Return the frame rate, share of late frames, lost messages and warnings of a chain."""
     figures: Mapping[str, str] = {}
     lost: int | None = None
@@ -123,34 +122,20 @@ def gravity_of(finder: ChainFinder, namespace: str) -> tuple[float, float]:
     return math.nan, math.nan
 
 
-def status(
-    finder: ChainFinder,
-    commands: Mapping[str, ChainCommands],
-    why: Mapping[str, Mapping[str, str]],
-    more: Mapping[str, Any],
-) -> str:
-    """Return the status of all chains as JSON.
-
-    `commands` and `why` map the namespace of each chain to its commands and to its `reasons`.
-    `more` contains further entries of the status.
-    """
-    chains = []
-    for namespace, chain in finder.chains.items():
-        move = commands[namespace].move
-        chains.append(
-            {
-                'name': namespace,
-                'replay': namespace.startswith(REPLAY),
-                'health': health(finder, chain),
-                'reasons': why[namespace],
-                'camera': chain.camera.reason,
-                'move': {
-                    'state': move.state,
-                    'foreign': move.foreign,
-                    'message': move.message,
-                    'goal': move.goal if math.isfinite(move.goal) else None,
-                    'progress': round(move.progress, 3),
-                },
-            }
-        )
-    return json.dumps({'status': {'chains': chains, **more}})
+def status_of(finder: ChainFinder, chain: ChainTopics, commands: ChainCommands) -> dict[str, Any]:
+    """Return the status of a chain for the page, as JSON values."""
+    move = commands.move
+    return {
+        'name': chain.namespace,
+        'replay': chain.namespace.startswith(REPLAY),
+        'health': _health(finder, chain),
+        'reasons': _reasons(chain, commands),
+        'camera': chain.camera.reason,
+        'move': {
+            'state': move.state,
+            'foreign': move.foreign,
+            'message': move.message,
+            'goal': move.goal if math.isfinite(move.goal) else None,
+            'progress': round(move.progress, 3),
+        },
+    }

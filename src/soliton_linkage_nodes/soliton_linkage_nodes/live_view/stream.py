@@ -44,11 +44,11 @@ async def carry_out(view: View, name: str, arguments: Mapping[str, Any]) -> str:
     if name == 'pull':
         return await commands.pull(arguments['pull'], view.wait)
     if name == 'seek':
-        return await view.replay.seek(commands, float(arguments['at']))
+        return await view.replay.seek(float(arguments['at']))
     if name == 'pause':
         paused = bool(arguments['paused'])
         if namespace == view.replay.namespace:
-            return await view.replay.pause(commands, paused)
+            return await view.replay.pause(paused)
         return await commands.pause(paused)
     raise ValueError(f'action {name!r} is unknown')
 

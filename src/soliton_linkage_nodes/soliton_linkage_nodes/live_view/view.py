@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import math
 import time
 from collections.abc import Collection, Mapping, Sequence
@@ -16,7 +17,7 @@ from soliton_linkage_nodes.live_view.bag_catalogue import BagCatalogue
 from soliton_linkage_nodes.live_view.bag_programs import BagRecording, BagReplay
 from soliton_linkage_nodes.live_view.chain_topics import ChainFinder, ChainTopics
 from soliton_linkage_nodes.live_view.commands import ChainCommands
-from soliton_linkage_nodes.live_view.status import reasons, status
+from soliton_linkage_nodes.live_view.status import status_of
 
 ALL = '*'
 """Namespace that selects all chains side by side."""
@@ -36,11 +37,12 @@ class View:
         self.read_only = read_only
         self.logs = logs
         self.catalogue = BagCatalogue(folders)
-        self.recording = BagRecording(folders[0] if folders else None, finder, read_only)
-        self.replay = BagReplay(self.catalogue, logs, finder, read_only)
+        folder = folders[0] if folders else None
+        self.recording = BagRecording(folder, finder, self.commands)
+        self.replay = BagReplay(self.catalogue, logs, finder, self.commands)
         self.status = ''
         self.reasons: dict[str, dict[str, str]] = {}
-        """Result of `reasons` for the chain in each namespace."""
+        """For each namespace: why each control is disabled, '' if it is enabled."""
         self._node = node
         self._failures: list[str] = []
         self._packed: dict[tuple[int, int, int], bytes] = {}
@@ -128,14 +130,15 @@ class View:
     def _update_status(self) -> None:
         self._failures += filter(None, (self.recording.poll(), self.replay.poll()))
         del self._failures[:-_MOST_FAILURES]
-        more = {
+        chains = [
+            status_of(self.finder, chain, self.commands(namespace))
+            for namespace, chain in self.chains.items()
+        ]
+        self.reasons = {each['name']: each['reasons'] for each in chains}
+        status = {
+            'chains': chains,
             'replay': self.replay.status(),
             'recorder': self.recording.status(),
             'failures': self._failures,
         }
-        commands = {namespace: self.commands(namespace) for namespace in self.chains}
-        self.reasons = {
-            namespace: reasons(chain, commands[namespace])
-            for namespace, chain in self.chains.items()
-        }
-        self.status = status(self.finder, commands, self.reasons, more)
+        self.status = json.dumps({'status': status})

@@ -18,7 +18,6 @@ from soliton_linkage_nodes.live_view.controls.drive_controls import (
     number,
     value_of,
 )
-from soliton_linkage_nodes.live_view.status import REPLAY
 from soliton_linkage_nodes.live_view.view import View
 
 _RATES = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0)
@@ -44,7 +43,7 @@ class RecordControls:
                 'Record', record, 'fiber_manual_record', 'live-record', primary=True, long=True
             )
             self._requests = [
-                button(text, partial(self._request, name), icon, f'live-record-{name}')
+                button(text, partial(view.recording.request, name), icon, f'live-record-{name}')
                 for text, name, icon in _REQUESTS
             ]
             self._stop = button('Stop', view.recording.stop, 'stop', 'live-record-stop')
@@ -53,14 +52,10 @@ class RecordControls:
     async def _record(self, kept: ui.number) -> str:
         recording = self._view.recording
         if recording.report is not None:
-            return await self._request('resume')
+            return await recording.request('resume')
         if self._page.namespace not in self._view.chains:
             raise ValueError('select the chain to record')
         return await recording.start(self._page.namespace, value_of(kept))
-
-    async def _request(self, name: str) -> str:
-        recording = self._view.recording
-        return await recording.request(self._view.commands(recording.namespace), name)
 
     def refresh(self) -> None:
         """Disable the controls that are not usable now, and show the state of the recording."""
@@ -103,8 +98,7 @@ class BagControls:
             button('End', view.replay.stop, 'close', 'live-replay-end')
 
             async def change_rate() -> None:
-                commands = view.commands(REPLAY)
-                await attempt('Speed', lambda: view.replay.set_rate(commands, float(rate.value)))
+                await attempt('Speed', lambda: view.replay.set_rate(float(rate.value)))
 
             async def change_loop() -> None:
                 await attempt('Repeat', lambda: view.replay.set_loop(bool(loop.value)))
@@ -174,4 +168,4 @@ class BagControls:
         return self._view.replay.running and not self._view.replay.paused
 
     async def _pause(self) -> str:
-        return await self._view.replay.pause(self._view.commands(REPLAY), self._plays)
+        return await self._view.replay.pause(self._plays)
