@@ -195,7 +195,7 @@ class Page:
             with ui.tab_panel('Bags'):
                 self._record = RecordControls(view, self)
                 await asyncio.sleep(0)
-                self._bags = BagControls(view, self)
+                self._bags = BagControls(view)
             with ui.tab_panel('Identify'):
                 self._identify = IdentifyControls(view, self)
             with ui.tab_panel(_LESSON):

@@ -110,7 +110,7 @@ class Diagnostics:
         self._failures = LogThrottle(lambda line: node.get_logger().error(line), _PERIOD)
         self._publisher = DIAGNOSTICS.publisher(node)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._timer = node.create_timer(_PERIOD, self.publish, clock=steady)
+        node.create_timer(_PERIOD, self.publish, clock=steady)
 
     def reject(self, source: str, reason: object) -> None:
         """Count a rejected input with the name `source`, and log it with a `LogThrottle`."""

@@ -256,7 +256,7 @@ class StreamSubscription:
         self._publishers: list[str] = []
         self._unsettled = True
         self._increments = Increments()
-        self._timer = node.create_timer(_POLL_PERIOD, self._poll)
+        node.create_timer(_POLL_PERIOD, self._poll)
         diagnostics.monitors.append(self._watch)
 
     def resubscribe(self) -> None:

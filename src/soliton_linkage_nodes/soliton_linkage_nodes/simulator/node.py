@@ -132,7 +132,7 @@ class Simulator(ManagedNode):
     def _on_impulses(self, serialized: bytes) -> None:
         self.check_active()
         impulses = self._impulses.decode(serialized)
-        self._check_stamp('rotor_impulses', read_stamp(serialized))
+        self._check_stamp(read_stamp(serialized))
         complaint = self.control.kick(impulses) if impulses.any() else None
         if complaint:
             raise ValueError(complaint)
@@ -140,10 +140,10 @@ class Simulator(ManagedNode):
     def _on_torques(self, serialized: bytes) -> None:
         self.check_active()
         torques = self._torques.decode(serialized)
-        self._check_stamp('rotor_torques', read_stamp(serialized))
+        self._check_stamp(read_stamp(serialized))
         self.control.hold(torques)
 
-    def _check_stamp(self, source: str, stamp: int) -> None:
+    def _check_stamp(self, stamp: int) -> None:
         """Raise ValueError if a stamp [ns] is far both from the clock and from the last frame."""
         limit = self.settings.stamp_tolerance
         if not (stamp and limit):
@@ -225,8 +225,7 @@ class SimulationReport:
         """Create the report, which passes each new fault of the simulation to `complain`."""
         self._control = control
         self._loop = loop
-        self._publish_rate = settings.publish_rate
-        self._drift_limit = settings.energy_drift_limit
+        self._settings = settings
         self._complain = complain
         self._logged = ''
         self._increments = Increments()
@@ -237,7 +236,7 @@ class SimulationReport:
         seconds, frames, late = self._increments.take(status.frames, punctuality.missed)
         rate = frames / seconds
         late = 0 if status.paused else late
-        overdue = seconds * min(self._loop.rate, self._publish_rate) > _FRAMES_OVERDUE
+        overdue = seconds * min(self._loop.rate, self._settings.publish_rate) > _FRAMES_OVERDUE
         slow = not status.paused and not rate and overdue
         message, fault = self._message(status, late, slow)
         if fault and fault != self._logged:
@@ -245,7 +244,7 @@ class SimulationReport:
         self._logged = fault
         figures = {
             'publish rate [Hz]': rate,
-            'real-time factor': rate / self._publish_rate,
+            'real-time factor': rate / self._settings.publish_rate,
             'frames': status.frames,
             'missed deadlines': punctuality.missed,
             'largest lateness [s]': punctuality.largest_lateness,
@@ -268,10 +267,10 @@ class SimulationReport:
             )
             return message, message
         fault = ''
-        if abs(status.energy_drift) > self._drift_limit:
+        if abs(status.energy_drift) > self._settings.energy_drift_limit:
             fault = (
                 f'the energy drift of the solver exceeds energy_drift_limit = '
-                f'{self._drift_limit:g}; use a smaller tolerance'
+                f'{self._settings.energy_drift_limit:g}; use a smaller tolerance'
             )
         if status.paused:
             return 'paused', fault

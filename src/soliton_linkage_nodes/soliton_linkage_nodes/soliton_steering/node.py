@@ -173,7 +173,7 @@ class SolitonSteering(ManagedNode):
         )
         self._joint_states.dispatch(False)
         self.create_service(Trigger, '~/release', self._on_release)
-        self._watch = self.create_timer(_POLL_INTERVAL, self._on_watch)
+        self.create_timer(_POLL_INTERVAL, self._on_watch)
         joints = f'{len(self.settings.actuated_joints) or "all"} joints'
         self.get_logger().info(f'steering the soliton of {source.description} by {joints}')
 

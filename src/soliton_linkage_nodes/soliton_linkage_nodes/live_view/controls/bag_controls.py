@@ -84,8 +84,8 @@ class RecordControls:
 class BagControls:
     """List of recorded bags, and the controls of the replay."""
 
-    def __init__(self, view: View, page: Shown) -> None:
-        self._view, self._page = view, page
+    def __init__(self, view: View) -> None:
+        self._view = view
         self._listings = 0
         self._finished = view.recording.finished
         self._rows: dict[str, tuple[CataloguedBag | None, ui.element]] = {}
