@@ -103,19 +103,14 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument(
         'configuration', type=Path, help='parameter file, such as config/flipper.yaml'
     )
-    parser.add_argument(
-        '--output', type=Path, default=Path('out/live'), help='folder for recordings (%(default)s)'
-    )
-    parser.add_argument(
-        '--bags',
-        type=Path,
-        default=Path('bags'),
-        help='folder of bags that the page also lists (%(default)s)',
-    )
-    parser.add_argument('--port', type=int, default=8080, help='port of the page (%(default)s)')
-    parser.add_argument(
-        '--host', default='127.0.0.1', help='address that serves the page (%(default)s)'
-    )
+    for option, default, meaning in (
+        ('--output', Path('out/live'), 'folder for recordings'),
+        ('--bags', Path('bags'), 'folder of bags that the page also lists'),
+        ('--port', 8080, 'port of the page'),
+        ('--host', '127.0.0.1', 'address that serves the page'),
+    ):
+        explanation = f'{meaning} (%(default)s)'
+        parser.add_argument(option, type=type(default), default=default, help=explanation)
     parser.add_argument(
         '--lesson', action='store_true', help='begin with the guided experiments, in large type'
     )
