@@ -250,6 +250,7 @@ class BagReplay(_BagProgram):
 
     async def seek(self, at: float) -> str:
         """Continue the replay at the time `at` after the start of the bag [s]."""
+        self._commands(self.namespace).check_writable()
         if self.bag is None:
             raise ValueError('no bag is playing')
         if not 0 <= at <= self.bag.duration:
