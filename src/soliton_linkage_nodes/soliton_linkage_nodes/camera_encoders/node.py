@@ -19,17 +19,8 @@ from soliton_linkage.vision.opencv import Picture, opencv
 from soliton_linkage.vision.overlay import draw_overlay
 from soliton_linkage.vision.video import capture_camera
 from soliton_linkage_msgs.msg import SolitonState
+from soliton_linkage_nodes.messages import camera_measurement as measuring
 from soliton_linkage_nodes.messages import picture_conversions as pictures
-from soliton_linkage_nodes.messages.camera_measurement import (
-    CameraMeasurement,
-    CameraParameters,
-    CameraReading,
-    angles_to_msg,
-    describe_reading,
-    deviations_to_msg,
-    median_deviation,
-    walls_on_overlay,
-)
 from soliton_linkage_nodes.messages.chain_source import CHAIN_SOURCE_PARAMETERS, ChainSource
 from soliton_linkage_nodes.messages.conversions import FRAME, NamedChain
 from soliton_linkage_nodes.messages.state_conversions import solitons_from_msg
@@ -84,7 +75,7 @@ class CameraEncoders(ManagedNode):
 
     PARAMETERS: ClassVar[dict[type, str]] = {
         CameraEncodersParameters: '',
-        CameraParameters: '',
+        measuring.CameraParameters: '',
         MarkerSettings: 'markers.',
         ManagedParameters: '',
         **CHAIN_SOURCE_PARAMETERS,
@@ -104,8 +95,8 @@ class CameraEncoders(ManagedNode):
         if self.settings.camera_file:
             self._camera = pictures.read_camera(Path(self.settings.camera_file))
         self._named: NamedChain | None = None
-        self._measurement: CameraMeasurement | None = None
-        self._reading: CameraReading | None = None
+        self._measurement: measuring.CameraMeasurement | None = None
+        self._reading: measuring.CameraReading | None = None
         self._state: tuple[int, tuple[AnalysedSoliton, ...]] = (0, ())
         self._next_overlay = 0
         self._closing = threading.Event()
@@ -150,14 +141,14 @@ class CameraEncoders(ManagedNode):
         reading = self._reading = self._measurement.measure(stamp, picture)
         if reading.frame.seen:
             # Subscribers need the standard deviations when the angles arrive.
-            self._deviations.publish(deviations_to_msg(self._named, reading))
-            self._angles.publish(angles_to_msg(self._named, reading))
+            self._deviations.publish(measuring.deviations_to_msg(self._named, reading))
+            self._angles.publish(measuring.angles_to_msg(self._named, reading))
         self._publish_overlay(self._named, picture, reading)
         self._pictures += 1
         self._busy += time.perf_counter() - begin
 
     def _publish_overlay(
-        self, named: NamedChain, picture: Picture, reading: CameraReading
+        self, named: NamedChain, picture: Picture, reading: measuring.CameraReading
     ) -> None:
         period = round(SECOND / self.settings.overlay_rate)
         if not self._overlay.get_subscription_count():
@@ -168,7 +159,7 @@ class CameraEncoders(ManagedNode):
         stamp, solitons = self._state
         age = (reading.stamp - stamp) / SECOND
         walls = (
-            walls_on_overlay(solitons, named.chain.spacing, age)
+            measuring.walls_on_overlay(solitons, named.chain.spacing, age)
             if abs(age) < _LONGEST_STATE_AGE
             else []
         )
@@ -220,8 +211,8 @@ class CameraEncoders(ManagedNode):
     def _reset_measurement(self) -> None:
         self._reading = None
         if self._named is not None:
-            parameters = current(self, CameraParameters)
-            self._measurement = CameraMeasurement(
+            parameters = current(self, measuring.CameraParameters)
+            self._measurement = measuring.CameraMeasurement(
                 self._named, self._markers, parameters, self._camera
             )
 
@@ -240,12 +231,14 @@ class CameraEncoders(ManagedNode):
         frame = self._reading.frame
         values |= {
             'rotors seen': frame.seen,
-            'deviation [rad]': median_deviation(frame),
+            'deviation [rad]': measuring.median_deviation(frame),
             'moves of the camera': self._measurement.moves,
             'pictures missing': self._measurement.gaps.missing,
         }
         return Report(
-            describe_reading(self._measurement, self._reading), values, bool(frame.status)
+            measuring.describe_reading(self._measurement, self._reading),
+            values,
+            bool(frame.status),
         )
 
 

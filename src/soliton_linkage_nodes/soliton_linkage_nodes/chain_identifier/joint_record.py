@@ -11,14 +11,7 @@ import numpy as np
 from sensor_msgs.msg import JointState
 
 from soliton_linkage.actuation.kick_record import DeliveryTotals
-from soliton_linkage.identification.readings import (
-    Readings,
-    RecordedImpulse,
-    RecordedTilt,
-    divided,
-    informative_frames,
-    is_reset,
-)
+from soliton_linkage.identification import readings
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
 from soliton_linkage_msgs.msg import Delivery, RotorImpulses
@@ -97,7 +90,7 @@ class JointRecord:
         self._last.append((stamp, angles))
         if len(self._last) == self._last.maxlen:
             stamps, frames = zip(*self._last, strict=True)
-            if is_reset([(each - stamps[0]) / SECOND for each in stamps], frames):
+            if readings.is_reset([(each - stamps[0]) / SECOND for each in stamps], frames):
                 self._resets.append(stamps[2])
 
     def add_deviations(self, joints: JointStates) -> None:
@@ -138,7 +131,7 @@ class JointRecord:
         """Store that the chain has a tilt [rad] from the time `received` [ns] on."""
         self._tilts.append((received, tilt))
 
-    def readings(self, gravity: Gravity = NO_GRAVITY) -> Readings:
+    def readings(self, gravity: Gravity = NO_GRAVITY) -> readings.Readings:
         """Return the record in the form that an identification needs.
 
         `gravity` contains the gravitational acceleration, and the tilt before the first stored
@@ -147,16 +140,19 @@ class JointRecord:
         begin = next(iter(self._angles), 0)
         unknown = np.full(len(self.joint_names), np.nan)
         deviations = [self._deviations.get(stamp, unknown) for stamp in self._angles]
-        whole = Readings(
+        whole = readings.Readings(
             np.array([(stamp - begin) / SECOND for stamp in self._angles], dtype=np.float64),
             np.array(list(self._angles.values())),
             np.array(deviations) if self._deviations else None,
             self.joint_names,
-            [RecordedImpulse((stamp - begin) / SECOND, each) for stamp, each in self._impulses],
+            [
+                readings.RecordedImpulse((stamp - begin) / SECOND, each)
+                for stamp, each in self._impulses
+            ],
             gravity,
-            [RecordedTilt((stamp - begin) / SECOND, tilt) for stamp, tilt in self._tilts],
+            [readings.RecordedTilt((stamp - begin) / SECOND, tilt) for stamp, tilt in self._tilts],
         )
-        return divided(whole, [(stamp - begin) / SECOND for stamp in self._resets])
+        return readings.divided(whole, [(stamp - begin) / SECOND for stamp in self._resets])
 
     def _read(self, joints: JointStates) -> Array:
         reader = self._reader or FrameReader(joints.name)
@@ -183,7 +179,7 @@ class JointRecord:
         stamps = np.array(list(self._angles))
         impulses = [(stamp - stamps[0]) / SECOND for stamp, _ in self._impulses]
         times, angles = (stamps - stamps[0]) / SECOND, np.array(list(self._angles.values()))
-        kept = informative_frames(times, angles, impulses, self._most // 2)
+        kept = readings.informative_frames(times, angles, impulses, self._most // 2)
         self._angles = {stamp: self._angles[stamp] for stamp in stamps[kept].tolist()}
         self._drop_unmatched_deviations()
 

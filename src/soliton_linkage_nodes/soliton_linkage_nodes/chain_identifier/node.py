@@ -25,13 +25,8 @@ from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage_msgs.msg import RotorImpulses
 from soliton_linkage_nodes.chain_identifier.joint_record import JointRecord
 from soliton_linkage_nodes.chain_identifier.parameter_file import write_parameters
+from soliton_linkage_nodes.messages import conversions
 from soliton_linkage_nodes.messages.cdr import JointStateDecoder
-from soliton_linkage_nodes.messages.conversions import (
-    NamedChain,
-    chain_to_msg,
-    check_names,
-    joint_states_from_msg,
-)
 from soliton_linkage_nodes.messages.frames import EncoderMonitor, SerializedFrames
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
@@ -99,7 +94,7 @@ class ChainIdentifier(ManagedNode):
     def configure(self) -> None:
         """Create the publisher, the subscriptions, the services and the timers."""
         settings = self.settings = current(self, ChainIdentifierParameters)
-        check_names('parameter joint_names', settings.joint_names)
+        conversions.check_names('parameter joint_names', settings.joint_names)
         self.found: Identification | None = None
         self._failure = ''
         self._record = self._new_record()
@@ -152,7 +147,7 @@ class ChainIdentifier(ManagedNode):
         self._encoders.check(joints.stamp, joints.position)
 
     def _on_deviations(self, message: JointState) -> None:
-        self._record.add_deviations(joint_states_from_msg(message))
+        self._record.add_deviations(conversions.joint_states_from_msg(message))
 
     def _on_command(self, message: RotorImpulses | JointState) -> None:
         self._record.add_command(message, self.get_clock().now().nanoseconds)
@@ -203,8 +198,8 @@ class ChainIdentifier(ManagedNode):
             return
         self.found, self._failure = outcome, ''
         offsets = tuple(outcome.offsets.tolist())
-        named = NamedChain(outcome.chain, self._record.joint_names, offsets)
-        self._publisher.publish(chain_to_msg(named, self.get_clock().now().to_msg()))
+        named = conversions.NamedChain(outcome.chain, self._record.joint_names, offsets)
+        self._publisher.publish(conversions.chain_to_msg(named, self.get_clock().now().to_msg()))
         self.get_logger().info(f'identified {_summary(outcome)}')
         for warning in outcome.warnings:
             self.get_logger().warning(warning)

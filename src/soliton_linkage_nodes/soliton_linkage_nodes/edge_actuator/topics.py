@@ -9,12 +9,7 @@ from rclpy.node import Node
 
 from soliton_linkage.actuation.kick_record import KickReport
 from soliton_linkage.linkage.chain import Array
-from soliton_linkage_nodes.messages.cdr import (
-    ImpulseBuffer,
-    JointStateDecoder,
-    TorqueBuffer,
-    publish_buffer,
-)
+from soliton_linkage_nodes.messages import cdr
 from soliton_linkage_nodes.messages.command_conversions import last_kick_to_msg
 from soliton_linkage_nodes.messages.conversions import Frame, NamedChain, frame_from_msg
 from soliton_linkage_nodes.runtime import interfaces
@@ -36,7 +31,7 @@ class LatestFrames:
         self._longest = longest
         self._watch = watch
         self._watched = 0
-        self._decoder = JointStateDecoder()
+        self._decoder = cdr.JointStateDecoder()
         self._previous: bytes | None = None
         self._latest: bytes | None = None
 
@@ -89,7 +84,7 @@ class ActuatorPublishers:
         self._impulses = interfaces.ROTOR_IMPULSES.publisher(node)
         self._torques = interfaces.ROTOR_TORQUES.publisher(node)
         self._last_kick = interfaces.LAST_KICK.publisher(node)
-        self._buffers: tuple[NamedChain, ImpulseBuffer, TorqueBuffer] | None = None
+        self._buffers: tuple[NamedChain, cdr.ImpulseBuffer, cdr.TorqueBuffer] | None = None
 
     @property
     def now(self) -> int:
@@ -121,13 +116,13 @@ class ActuatorPublishers:
     def kick(self, named: NamedChain, impulses: Array) -> None:
         """Publish the angular impulses on all rotors [N m s], shape (N,)."""
         buffer, _ = self._buffers_of(named)
-        publish_buffer(self._impulses, buffer.fill(self.now, impulses))
+        cdr.publish_buffer(self._impulses, buffer.fill(self.now, impulses))
         yield_core()
 
     def drive(self, named: NamedChain, torques: Array) -> None:
         """Publish the torques on all rotors [N m], shape (N,)."""
         _, buffer = self._buffers_of(named)
-        publish_buffer(self._torques, buffer.fill(self.now, torques))
+        cdr.publish_buffer(self._torques, buffer.fill(self.now, torques))
 
     def report(self, named: NamedChain, kick: KickReport) -> None:
         """Publish the report of a finished kick."""
@@ -137,7 +132,7 @@ class ActuatorPublishers:
         """Wait at most 0.5 s until the subscribers have acknowledged the last torques."""
         interfaces.wait_for_acknowledgements(self._torques)
 
-    def _buffers_of(self, named: NamedChain) -> tuple[ImpulseBuffer, TorqueBuffer]:
+    def _buffers_of(self, named: NamedChain) -> tuple[cdr.ImpulseBuffer, cdr.TorqueBuffer]:
         if self._buffers is None or self._buffers[0] is not named:
-            self._buffers = (named, ImpulseBuffer(named), TorqueBuffer(named))
+            self._buffers = (named, cdr.ImpulseBuffer(named), cdr.TorqueBuffer(named))
         return self._buffers[1:]

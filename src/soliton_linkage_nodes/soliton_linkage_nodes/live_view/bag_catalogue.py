@@ -12,14 +12,8 @@ from typing import Any
 import numpy as np
 
 from soliton_linkage.linkage.chain import Array
+from soliton_linkage_nodes.bags import metadata
 from soliton_linkage_nodes.bags.guards import load_json, parse_count
-from soliton_linkage_nodes.bags.metadata import (
-    METADATA_FILE,
-    custom_data_in,
-    gaps_in,
-    read_metadata,
-    time_in_gaps,
-)
 from soliton_linkage_nodes.bags.reading import decoder, open_bag
 from soliton_linkage_nodes.messages.view_conversions import state_numbers
 from soliton_linkage_nodes.runtime import interfaces
@@ -61,7 +55,7 @@ class CataloguedBag:
 
     def time_of(self, stamp: int) -> float:
         """Return the time [s] from the start of the bag to a stamp [ns]; pauses do not count."""
-        return (stamp - self.start - time_in_gaps(self.gaps, self.start, stamp)) / SECOND
+        return (stamp - self.start - metadata.time_in_gaps(self.gaps, self.start, stamp)) / SECOND
 
     def stamp_of(self, time: float) -> int:
         """Return the stamp [ns] at `time` [s] after the start of the bag; pauses do not count."""
@@ -116,8 +110,8 @@ class BagCatalogue:
         found = [
             bag
             for folder in self.folders
-            for metadata in sorted(folder.glob(f'*/{METADATA_FILE}'))
-            if (bag := _catalogued(metadata.parent)) and bag.path.resolve().parent == folder
+            for file in sorted(folder.glob(f'*/{metadata.METADATA_FILE}'))
+            if (bag := _catalogued(file.parent)) and bag.path.resolve().parent == folder
         ]
         found.sort(key=lambda bag: bag.start, reverse=True)
         return found[:_MOST_BAGS]
@@ -158,13 +152,13 @@ def track_of(bag: CataloguedBag) -> BagTrack:
 
 
 def _catalogued(path: Path) -> CataloguedBag | None:
-    information: Any = read_metadata(path)
+    information: Any = metadata.read_metadata(path)
     try:
         topics = {
             each['topic_metadata']['name']: int(each['message_count'])
             for each in information['topics_with_message_count']
         }
-        custom = custom_data_in(information)
+        custom = metadata.custom_data_in(information)
         losses = load_json(custom.get('lost_messages', '{}'))
         start = int(information['starting_time']['nanoseconds_since_epoch'])
         duration = int(information['duration']['nanoseconds'])
@@ -173,7 +167,7 @@ def _catalogued(path: Path) -> CataloguedBag | None:
             path,
             start,
             start + duration,
-            tuple(gaps_in(custom)),
+            tuple(metadata.gaps_in(custom)),
             topics,
             sum(map(parse_count, losses.values())),
         )

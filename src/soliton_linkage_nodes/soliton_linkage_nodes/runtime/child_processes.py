@@ -15,11 +15,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import domain_coordinator
-from ament_index_python.packages import (
-    PackageNotFoundError,
-    get_package_prefix,
-    get_package_share_directory,
-)
+from ament_index_python import packages
 
 _PACKAGE = 'soliton_linkage_nodes'
 START_LIMIT = 180.0
@@ -48,7 +44,7 @@ class ChildProcesses:
         self, node: str, arguments: list[str], environment: dict[str, str], own: Sequence[str] = ()
     ) -> None:
         """Start a node. `arguments` are its ROS arguments, and `own` its other arguments."""
-        executable = Path(get_package_prefix(_PACKAGE), 'lib', _PACKAGE, node)
+        executable = Path(packages.get_package_prefix(_PACKAGE), 'lib', _PACKAGE, node)
         command = [str(executable), *own, '--ros-args', *arguments]
         self._starts[node] = 0.0, command, environment
         self.restart(node)
@@ -152,8 +148,8 @@ def restrict_to_loopback() -> None:
     """
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     try:
-        profile = Path(get_package_share_directory(_PACKAGE), 'config', 'loopback.xml')
-    except PackageNotFoundError:
+        profile = Path(packages.get_package_share_directory(_PACKAGE), 'config', 'loopback.xml')
+    except packages.PackageNotFoundError:
         return
     middleware = os.environ.get('RMW_IMPLEMENTATION') or 'rmw_fastrtps_cpp'
     if middleware.startswith('rmw_fastrtps') and profile.is_file():

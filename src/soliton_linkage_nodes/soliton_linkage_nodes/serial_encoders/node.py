@@ -20,13 +20,8 @@ from soliton_linkage.microcontroller.rotary_encoders import (
     AngleStream,
     RotaryEncoders,
 )
+from soliton_linkage_nodes.messages import conversions
 from soliton_linkage_nodes.messages.chain_source import CHAIN_SOURCE_PARAMETERS, ChainSource
-from soliton_linkage_nodes.messages.conversions import (
-    FRAME,
-    NamedChain,
-    impulses_to_msg,
-    torques_from_msg,
-)
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Increments, LogThrottle, Report
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
@@ -103,7 +98,7 @@ class SerialEncoders(ManagedNode):
         self.valves: Valves | None = None
         self._motors: MotorControllers | None = None
         self._sending = threading.Lock()
-        self._named: NamedChain | None = None
+        self._named: conversions.NamedChain | None = None
         self._port: ReopenedPort | None = None
         self._bytes, self._stamp = 0, 0
         self._increments = Increments()
@@ -153,7 +148,7 @@ class SerialEncoders(ManagedNode):
             self._port.close()
             self._port = None
 
-    def _on_chain(self, named: NamedChain) -> None:
+    def _on_chain(self, named: conversions.NamedChain) -> None:
         if named == self._named:
             return
         reader = AngleReader(current(self, RotaryEncoders, 'encoders.'), named.rotors)
@@ -207,8 +202,8 @@ class SerialEncoders(ManagedNode):
             self._send_command()
         impulses = self.valves.delivered(measured / SECOND)
         if impulses.any():
-            self._impulses.publish(impulses_to_msg(self._named, impulses, stamp))
-        header = Header(stamp=stamp, frame_id=FRAME)
+            self._impulses.publish(conversions.impulses_to_msg(self._named, impulses, stamp))
+        header = Header(stamp=stamp, frame_id=conversions.FRAME)
         names = list(self._named.joint_names)
         self._angles.publish(JointState(header=header, name=names, position=read.angles.tolist()))
 
@@ -242,7 +237,7 @@ class SerialEncoders(ManagedNode):
                 f'{tolerance:g} s; stamp it with the present time or with 0, or raise '
                 'valves.stamp_tolerance'
             )
-        torques = torques_from_msg(self._named.numbers, message, given.torque_limit)
+        torques = conversions.torques_from_msg(self._named.numbers, message, given.torque_limit)
         if self.valves.closed and not torques.any():
             return
         self.valves.hold(torques, time.monotonic())

@@ -17,14 +17,8 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from soliton_linkage.colours import GREY, RED, shares
 from soliton_linkage.linkage.chain import Array, Chain, displacement
+from soliton_linkage_nodes.messages import marker_conversions as conversions
 from soliton_linkage_nodes.messages.conversions import NamedChain
-from soliton_linkage_nodes.messages.marker_conversions import (
-    box_to_msg,
-    lines_to_msg,
-    picture_to_msg,
-    pose_to_msg,
-    text_to_msg,
-)
 from soliton_linkage_nodes.visualisation.observed_chain import ObservedChain
 from soliton_linkage_nodes.visualisation.scene import ChainScene
 
@@ -192,10 +186,12 @@ class MarkerPublisher(DrawingPublisher):
         if impulses is None:
             impulses = 0 * chain.angles
         shapes.append(scene.kick(chain.angles, impulses))
-        markers = [lines_to_msg(header, *shape) for shape in shapes]
+        markers = [conversions.lines_to_msg(header, *shape) for shape in shapes]
         markers += self._solitons(header, scene, chain)
         size, colour = scene.lettering, (*shares(GREY), 1.0)
-        markers.append(text_to_msg(header, 'figures', scene.above, size, colour, chain.describe()))
+        markers.append(
+            conversions.text_to_msg(header, 'figures', scene.above, size, colour, chain.describe())
+        )
         if self._clear:
             markers.insert(0, Marker(header=header, action=Marker.DELETEALL))
             self._clear = False
@@ -206,7 +202,7 @@ class MarkerPublisher(DrawingPublisher):
         colour, markers = (*shares(RED), _OPACITY), []
         for number, box in enumerate(boxes):
             centre, size = (box.position, 0.0, 0.0), (box.length, scene.width, box.height)
-            markers.append(box_to_msg(header, _WALLS, number, centre, size, colour))
+            markers.append(conversions.box_to_msg(header, _WALLS, number, centre, size, colour))
         gone, self._walls = range(len(boxes), self._walls), len(boxes)
         action = Marker.DELETE
         return markers + [Marker(header=header, ns=_WALLS, id=n, action=action) for n in gone]
@@ -224,7 +220,7 @@ class PosePublisher(DrawingPublisher):
         position, deviation, _ = chain.walls[0]
         if math.isfinite(position) and math.isfinite(deviation):
             header = Header(stamp=chain.state_stamp, frame_id=chain.frame)
-            self._publish(pose_to_msg(header, position, deviation))
+            self._publish(conversions.pose_to_msg(header, position, deviation))
 
 
 class KymographPublisher(DrawingPublisher):
@@ -251,4 +247,4 @@ class KymographPublisher(DrawingPublisher):
         if time.monotonic() >= self._next and self._wanted(chain.frames):
             self._next = time.monotonic() + self._period
             header = Header(stamp=chain.stamp, frame_id=chain.frame)
-            self._publish(picture_to_msg(header, self._kymograph.picture()))
+            self._publish(conversions.picture_to_msg(header, self._kymograph.picture()))
