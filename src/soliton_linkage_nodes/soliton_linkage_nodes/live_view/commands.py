@@ -95,8 +95,10 @@ class ChainCommands:
         publisher = self._publishers.get(topic)
         return publisher.get_subscription_count() if publisher else 0
 
-    def serves(self, name: str) -> bool:
-        """Return whether a node serves `name`, the action move_soliton or a service."""
+    def reaches(self, name: str) -> bool:
+        """Return whether a node receives or serves `name`, a topic, a service or move_soliton."""
+        if name in self._publishers:
+            return self.subscribers(name) > 0
         if name == interfaces.MOVE_SOLITON:
             return self._mover is not None and bool(self._mover.server_is_ready())
         client = self._clients.get(f'{self.namespace}{name}')
@@ -420,7 +422,7 @@ class ChainCommands:
 
     def _publish(self, topic: str, message: Any, subscriber: str) -> None:
         self.check_writable()
-        if not self.subscribers(topic):
+        if not self.reaches(topic):
             raise ValueError(f'no node subscribes to {topic}; start {subscriber}')
         self._publishers[topic].publish(message)
 

@@ -147,7 +147,7 @@ class Laboratory:
     def _ready(self, namespace: str) -> bool:
         chains = self._view.chains
         ready = namespace in chains and chains[namespace].model.named is not None
-        return ready and bool(self._view.commands(namespace).subscribers('edge_command'))
+        return ready and self._view.commands(namespace).reaches('edge_command')
 
     async def _send(self, speed: float) -> list[Sample]:
         await self._reset()

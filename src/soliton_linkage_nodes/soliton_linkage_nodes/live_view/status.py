@@ -27,22 +27,19 @@ _LATE = re.compile('deadlines missed in the last second')
 """Pattern of a warning that the page omits, because the page shows the fraction of late frames."""
 _PAUSED = re.compile(f'{_LATE.pattern}|^waiting for joint_states')
 """Pattern of the warnings that the page omits while a simulation is paused."""
-_ACTUATOR = 'start edge_actuator'
 _SIMULATOR = 'only a simulator can do this; no simulator of this chain is running'
-_STEERING = 'no node serves {}; start soliton_steering'
-_TOPICS = {
-    'nudge': ('nudge', _ACTUATOR),
-    'drive': ('edge_command', _ACTUATOR),
-    'tilt': ('tilt', _SIMULATOR),
-}
-_SERVICES = {
+_NEEDS = {
+    'nudge': ('nudge', 'no node subscribes to nudge; start edge_actuator'),
+    'drive': ('edge_command', 'no node subscribes to edge_command; start edge_actuator'),
+    'tilt': ('tilt', f'no node subscribes to tilt; {_SIMULATOR}'),
     'pause': ('simulator/pause', _SIMULATOR),
     'step': ('simulator/step', _SIMULATOR),
     'reset': ('simulator/reset', _SIMULATOR),
-    'move': ('move_soliton', _STEERING.format('move_soliton')),
+    'move': ('move_soliton', 'no node serves move_soliton; start soliton_steering'),
     'identify': ('chain_identifier/identify', 'no node serves identify; start chain_identifier'),
 }
-CONTROLS = (*_TOPICS, *_SERVICES)
+"""Topic, service or action that each control needs, and why the control is disabled without."""
+CONTROLS = tuple(_NEEDS)
 
 
 def _reasons(chain: ChainTopics, commands: ChainCommands) -> dict[str, str]:
@@ -52,14 +49,8 @@ def _reasons(chain: ChainTopics, commands: ChainCommands) -> dict[str, str]:
     if chain.namespace.startswith(REPLAY):
         return dict.fromkeys(CONTROLS, 'this chain is a replay of a bag')
     return {
-        **{
-            name: '' if commands.subscribers(topic) else f'no node subscribes to {topic}; {remedy}'
-            for name, (topic, remedy) in _TOPICS.items()
-        },
-        **{
-            name: '' if commands.serves(service) else remedy
-            for name, (service, remedy) in _SERVICES.items()
-        },
+        control: '' if commands.reaches(name) else reason
+        for control, (name, reason) in _NEEDS.items()
     }
 
 

@@ -56,17 +56,14 @@ def declare(node: Node, parameters: type[Parameters], prefix: str = '') -> Param
         return current(node, parameters, prefix)
     _convert_changes(node)
     types = get_type_hints(parameters)
-    values = {
-        field.name: _declare_one(
-            node, prefix + field.name, types[field.name], field.default, quantities[field.name]
-        )
-        for field in dataclasses.fields(cast(Any, parameters))
-        if field.name in quantities
-    }
+    for field in dataclasses.fields(cast(Any, parameters)):
+        name = field.name
+        if name in quantities:
+            _declare_one(node, prefix + name, types[name], field.default, quantities[name])
     adjustable = {prefix + name: each for name, each in quantities.items() if each.adjustable}
     if adjustable:
         node.add_on_set_parameters_callback(lambda changes: _check(adjustable, changes))
-    return parameters(**values)
+    return current(node, parameters, prefix)
 
 
 def current(node: Node, parameters: type[Parameters], prefix: str = '') -> Parameters:
@@ -75,7 +72,9 @@ def current(node: Node, parameters: type[Parameters], prefix: str = '') -> Param
     values = {
         name: node.get_parameter(prefix + name).value for name in described_fields(parameters)
     }
-    return parameters(**{n: _field_value(_TYPES[types[n]], value) for n, value in values.items()})
+    return parameters(
+        **{n: tuple(v) if _TYPES[types[n]] in _LISTS else v for n, v in values.items()}
+    )
 
 
 def make_adjustable(node: Node, name: str) -> None:
@@ -199,7 +198,7 @@ def _convert_change(node: Node, change: Parameter) -> Parameter:
     return Parameter(change.name, kind, value) if kind.check(value) else change
 
 
-def _declare_one(node: Node, name: str, kind: Any, default: Any, described: Quantity) -> Any:
+def _declare_one(node: Node, name: str, kind: Any, default: Any, described: Quantity) -> None:
     type_, override = _TYPES[kind], overrides(node).get(name)
     value = default if override is None else _convert(type_, override.value)
     complaint = type_complaint(type_, value) or described.complaint(value)
@@ -213,11 +212,6 @@ def _declare_one(node: Node, name: str, kind: Any, default: Any, described: Quan
         node.set_descriptor(name, descriptor)
     else:
         node.declare_parameter(name, value, descriptor, ignore_override=True)
-    return _field_value(type_, value)
-
-
-def _field_value(type_: Parameter.Type, value: Any) -> Any:
-    return tuple(value) if type_ in _LISTS else value
 
 
 def _descriptor(type_: Parameter.Type, described: Quantity) -> msg.ParameterDescriptor:
