@@ -131,8 +131,6 @@ SUITE_TOPICS = (
 """Topics that the nodes exchange. A recorder stores these topics by default."""
 DISPLAY_TOPICS = (ROBOT_DESCRIPTION, MARKERS, SOLITON_POSE, KYMOGRAPH)
 """Topics for viewers. Nodes compute their contents from the messages of `SUITE_TOPICS`."""
-CAMERA_TOPICS = (IMAGE, COMPRESSED_IMAGE, CAMERA_INFO, CAMERA_OVERLAY)
-"""Topics of a camera that measures the joint states in place of encoders."""
 
 
 def wait_for_acknowledgements(publisher: Publisher) -> None:
