@@ -27,7 +27,6 @@ from soliton_linkage_nodes.messages.state_conversions import solitons_from_msg
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Increments, Report
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
-from soliton_linkage_nodes.runtime.parameters import current
 from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 from soliton_linkage_nodes.runtime.subscriptions import StreamSubscription
@@ -89,8 +88,8 @@ class CameraEncoders(ManagedNode):
     def configure(self) -> None:
         """Read the chain and the calibration, and create publishers and subscriptions."""
         opencv()
-        self.settings = current(self, CameraEncodersParameters)
-        self._markers = current(self, MarkerSettings, 'markers.')
+        self.settings = self.current(CameraEncodersParameters)
+        self._markers = self.current(MarkerSettings)
         self._camera: Camera | None = None
         if self.settings.camera_file:
             self._camera = pictures.read_camera(Path(self.settings.camera_file))
@@ -211,7 +210,7 @@ class CameraEncoders(ManagedNode):
     def _reset_measurement(self) -> None:
         self._reading = None
         if self._named is not None:
-            parameters = current(self, measuring.CameraParameters)
+            parameters = self.current(measuring.CameraParameters)
             self._measurement = measuring.CameraMeasurement(
                 self._named, self._markers, parameters, self._camera
             )

@@ -31,7 +31,6 @@ from soliton_linkage_nodes.messages.frames import EncoderMonitor, SerializedFram
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
-from soliton_linkage_nodes.runtime.parameters import current
 from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.runtime.subscriptions import StreamSubscription
 
@@ -93,7 +92,7 @@ class ChainIdentifier(ManagedNode):
 
     def configure(self) -> None:
         """Create the publisher, the subscriptions, the services and the timers."""
-        settings = self.settings = current(self, ChainIdentifierParameters)
+        settings = self.settings = self.current(ChainIdentifierParameters)
         conversions.check_names('parameter joint_names', settings.joint_names)
         self.found: Identification | None = None
         self._failure = ''

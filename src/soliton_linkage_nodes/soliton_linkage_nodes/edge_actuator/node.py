@@ -31,7 +31,7 @@ from soliton_linkage_nodes.messages.frames import EncoderMonitor, SerializedFram
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.managed import ManagedNode
-from soliton_linkage_nodes.runtime.parameters import current, declare
+from soliton_linkage_nodes.runtime.parameters import declare
 from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.runtime.subscriptions import CountedSubscription, StreamSubscription
 
@@ -65,7 +65,7 @@ class EdgeActuator(ManagedNode):
 
     def configure(self) -> None:
         """Create the publishers and the subscriptions."""
-        settings = current(self, EdgeActuatorParameters)
+        settings = self.current(EdgeActuatorParameters)
         self._assembler = SerializedFrames()
         encoders = EncoderMonitor(self.get_logger().warning)
         self.frames = LatestFrames(settings.state_timeout, encoders.check)
@@ -92,7 +92,7 @@ class EdgeActuator(ManagedNode):
 
     def follow_parameters(self) -> None:
         """Apply the parameters of nudges, which can be changed while the node runs."""
-        self.commands.settings = current(self, EdgeActuatorParameters)
+        self.commands.settings = self.current(EdgeActuatorParameters)
 
     def _create_subscriptions(self) -> None:
         commands = self.commands

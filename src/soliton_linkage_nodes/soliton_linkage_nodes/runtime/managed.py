@@ -16,7 +16,7 @@ from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage_nodes.runtime.command_line import executable_name
 from soliton_linkage_nodes.runtime.diagnostics import Report
 from soliton_linkage_nodes.runtime.guarded import GuardedNode
-from soliton_linkage_nodes.runtime.parameters import declare, reject_unknown
+from soliton_linkage_nodes.runtime.parameters import Parameters, current, declare, reject_unknown
 
 
 @dataclass(frozen=True)
@@ -71,6 +71,10 @@ class ManagedNode(GuardedNode, LifecycleNode):
         """Declare the parameters in `PARAMETERS`; ValueError if a value is not allowed."""
         for group, prefix in self.PARAMETERS.items():
             declare(self, group, prefix)
+
+    def current(self, group: type[Parameters]) -> Parameters:
+        """Return an instance of a dataclass in `PARAMETERS` with the current values."""
+        return current(self, group, self.PARAMETERS[group])
 
     def configure(self) -> None:
         """Create the topics and perform slow preparations."""

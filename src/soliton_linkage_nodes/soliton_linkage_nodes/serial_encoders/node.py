@@ -25,7 +25,6 @@ from soliton_linkage_nodes.messages.chain_source import CHAIN_SOURCE_PARAMETERS,
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Increments, LogThrottle, Report
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
-from soliton_linkage_nodes.runtime.parameters import current
 from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg, time_to_msg
 from soliton_linkage_nodes.runtime.subscriptions import CountedSubscription
@@ -90,7 +89,7 @@ class SerialEncoders(ManagedNode):
     def configure(self) -> None:
         """Read the parameters, and create publishers and subscriptions."""
         pyserial()
-        self.settings = current(self, SerialEncodersParameters)
+        self.settings = self.current(SerialEncodersParameters)
         if not self.settings.port:
             raise ValueError(f'parameter port is empty; set it: {describe_ports()}')
         self.decoder = FrameDecoder()
@@ -109,7 +108,7 @@ class SerialEncoders(ManagedNode):
         self._impulses = interfaces.DELIVERED_IMPULSES.publisher(self)
         self._source = ChainSource(self, self.diagnostics, self._on_chain)
         self._source.publish_parameters()
-        rate = current(self, ValveParameters, 'valves.').command_rate
+        rate = self.current(ValveParameters).command_rate
         self._command_timer = self.create_timer(1 / rate, self._repeat_command)
         self._command_timer.cancel()
         take_torques = self.diagnostics.guarded('rotor_torques', self._on_torques)
@@ -151,8 +150,8 @@ class SerialEncoders(ManagedNode):
     def _on_chain(self, named: conversions.NamedChain) -> None:
         if named == self._named:
             return
-        reader = AngleReader(current(self, RotaryEncoders, 'encoders.'), named.rotors)
-        given, feedback = current(self, ValveParameters, 'valves.'), named.chain.feedback
+        reader = AngleReader(self.current(RotaryEncoders), named.rotors)
+        given, feedback = self.current(ValveParameters), named.chain.feedback
         if feedback.acts and feedback.limit > given.torque_limit:
             raise ValueError(
                 f'feedback.limit = {feedback.limit:g} N m of the chain exceeds '
@@ -228,7 +227,7 @@ class SerialEncoders(ManagedNode):
             raise ValueError(f'{port} is not open; plug the controller in')
         if self.decoder.protocol is None:
             raise ValueError(f'no frame was received from the controller on {port} yet')
-        given = current(self, ValveParameters, 'valves.')
+        given = self.current(ValveParameters)
         stamp, tolerance = time_from_msg(message.header.stamp), given.stamp_tolerance
         difference = abs(self.get_clock().now().nanoseconds - stamp) / SECOND
         if stamp and tolerance and difference > tolerance:

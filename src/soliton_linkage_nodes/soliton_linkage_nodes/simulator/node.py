@@ -24,7 +24,7 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Increments, Report
 from soliton_linkage_nodes.runtime.managed import ManagedNode
 from soliton_linkage_nodes.runtime.pacing import PacedLoop
-from soliton_linkage_nodes.runtime.parameters import current, make_adjustable
+from soliton_linkage_nodes.runtime.parameters import make_adjustable
 from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.runtime.stamps import SECOND
 from soliton_linkage_nodes.runtime.subscriptions import CountedSubscription
@@ -57,12 +57,12 @@ class Simulator(ManagedNode):
 
     def configure(self) -> None:
         """Create the chain, the simulation, the topics and the services."""
-        settings = self.settings = current(self, SimulatorParameters)
+        settings = self.settings = self.current(SimulatorParameters)
         self.named = declare_chain(self)
         make_adjustable(self, _NON_RECIPROCITY)
         chain, names = self.named.chain, self.named.joint_names
-        gravity = current(self, Gravity, PARAMETERS[Gravity])
-        errors = current(self, EncoderErrors, PARAMETERS[EncoderErrors])
+        gravity = self.current(Gravity)
+        errors = self.current(EncoderErrors)
         self._impulses = ImpulseDecoder(self.named.numbers, settings.impulse_limit)
         self._torques = TorqueDecoder(self.named.numbers, settings.torque_limit)
         period = 1 / settings.publish_rate
@@ -176,8 +176,8 @@ class Simulator(ManagedNode):
             self.named = replace(self.named, chain=chain)
             self.control.set_non_reciprocity(motors)
             self.frames.publish_chain(self.named)
-        self.control.set_gravity(current(self, Gravity, PARAMETERS[Gravity]))
-        self._joints.change(current(self, EncoderErrors, PARAMETERS[EncoderErrors]))
+        self.control.set_gravity(self.current(Gravity))
+        self._joints.change(self.current(EncoderErrors))
         self.loop.rate = self._pace(self.get_parameter('real_time_factor').value)
 
     def _pace(self, real_time_factor: float) -> float:
@@ -191,7 +191,7 @@ class Simulator(ManagedNode):
             present, required = self.frames.subscribers, self.settings.subscribers
             line = f'waiting for {required} subscribers of joint_states, there are {present}'
             return Report(line, warning=True)
-        gravity = current(self, Gravity, PARAMETERS[Gravity])
+        gravity = self.current(Gravity)
         world = {
             'motion': self.named.chain.motion.value,
             'bonds that may stop a soliton': len(self._obstacles),

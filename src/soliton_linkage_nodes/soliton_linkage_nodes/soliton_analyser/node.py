@@ -31,7 +31,6 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Increments, Report
 from soliton_linkage_nodes.runtime.interfaces import Topic
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
-from soliton_linkage_nodes.runtime.parameters import current
 from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.runtime.stamps import ClockMonitor, nanoseconds_of
 from soliton_linkage_nodes.runtime.subscriptions import (
@@ -107,7 +106,7 @@ class SolitonAnalyser(ManagedNode):
         self._busy = 0.0
         self._increments = Increments()
         self.diagnostics = Diagnostics(self, 'analysis', self.reporting(self._report))
-        settings = self.settings = current(self, AnalyserParameters)
+        settings = self.settings = self.current(AnalyserParameters)
         self._whole = interfaces.lossless_stream_qos()
         self._analysis = JointStateAnalysis(settings.noise or None)
         frames, states = interfaces.JOINT_STATES, interfaces.SOLITON_STATE

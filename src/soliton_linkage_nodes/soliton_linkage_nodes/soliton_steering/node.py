@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from rclpy.action import CancelResponse
@@ -29,7 +29,6 @@ from soliton_linkage_nodes.messages.frames import EncoderMonitor, SerializedFram
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
-from soliton_linkage_nodes.runtime.parameters import current
 from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.runtime.stamps import SECOND, Freshness
 from soliton_linkage_nodes.runtime.subscriptions import StreamSubscription
@@ -53,14 +52,6 @@ class SolitonSteeringParameters:
     state_timeout: float = quantity(
         0.5, 'time without joint_states after which a soliton is released as lost', 's', 1e-2, 60.0
     )
-
-
-PARAMETERS: dict[type, str] = {
-    SolitonSteeringParameters: '',
-    ManagedParameters: '',
-    **CHAIN_SOURCE_PARAMETERS,
-}
-"""Dataclasses with the parameters of the node, and the prefixes of the parameter names."""
 
 
 class SteeredChain:
@@ -138,11 +129,15 @@ class SolitonSteering(ManagedNode):
     loop uses the stamps of the joint states as time.
     """
 
-    PARAMETERS = PARAMETERS
+    PARAMETERS: ClassVar[dict[type, str]] = {
+        SolitonSteeringParameters: '',
+        ManagedParameters: '',
+        **CHAIN_SOURCE_PARAMETERS,
+    }
 
     def configure(self) -> None:
         """Create the topics, the action server and the service."""
-        self.settings = current(self, SolitonSteeringParameters)
+        self.settings = self.current(SolitonSteeringParameters)
         self.chain: SteeredChain | None = None
         self.freshness = Freshness(self.settings.state_timeout)
         self._decoder, self._assembler = JointStateDecoder(), SerializedFrames()
