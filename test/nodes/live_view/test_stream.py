@@ -46,7 +46,7 @@ class Camera:
 class Chains:
     """View of two chains that receive a frame with each tick."""
 
-    read_only = False
+    sent = 0
 
     def __init__(self) -> None:
         self.status = '{"status": {}}'

@@ -76,7 +76,6 @@ class LiveView(GuardedNode):
         self.streams: set[BrowserStream] = set()
         self._busy = 0.0
         self._increments = Increments()
-        self._sent_before = 0
         self.diagnostics = Diagnostics(self, 'page', self._report)
         self._serve()
         if settings.record:
@@ -127,7 +126,6 @@ class LiveView(GuardedNode):
             await stream.run()
         finally:
             self.streams.discard(stream)
-            self._sent_before += stream.sent
 
     def _tick(self) -> float:
         begin = time.perf_counter()
@@ -136,8 +134,7 @@ class LiveView(GuardedNode):
         return 1 / self.settings.frame_rate if self.streams else _IDLE_PERIOD
 
     def _report(self) -> Report:
-        total = self._sent_before + sum(stream.sent for stream in self.streams)
-        seconds, sent, busy = self._increments.take(total, self._busy)
+        seconds, sent, busy = self._increments.take(self.view.sent, self._busy)
         browsers = len(self.streams)
         return Report(
             f'{browsers} browser{"" if browsers == 1 else "s"} connected',

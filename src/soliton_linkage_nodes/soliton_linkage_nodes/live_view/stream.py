@@ -59,7 +59,6 @@ class BrowserStream:
     def __init__(self, socket: WebSocket, source: View) -> None:
         self.watched = next(iter(source.chains), '')
         self.pending = 0
-        self.sent = 0
         self.shows_camera = False
         self._socket = socket
         self._source = source
@@ -112,7 +111,7 @@ class BrowserStream:
             few = chain.model.rotors <= _MOST_TILE_ANGLES
             first, last = (0, chain.model.rotors - 1 if few else MOST_ANGLES + 1)
         self.pending += 1
-        self.sent += 1
+        self._source.sent += 1
         packed = self._source.packed(index, chain, first, last)
         if skipped := self._skipped(chain):
             await self._socket.send_bytes(pack_history(index, skipped))

@@ -41,6 +41,8 @@ class View:
         self.recording = BagRecording(folder, finder, self.commands)
         self.replay = BagReplay(self.catalogue, logs, finder, self.commands)
         self.status = ''
+        self.sent = 0
+        """Number of frames sent to all browsers together."""
         self.reasons: dict[str, dict[str, str]] = {}
         """For each namespace: why each control is disabled, '' if it is enabled."""
         self._node = node
