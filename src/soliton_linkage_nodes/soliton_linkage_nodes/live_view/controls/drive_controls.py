@@ -163,11 +163,13 @@ class ChainControls:
         self._groups.append((group, reason_of))
         return group.body
 
-    async def _set_in_simulator(self, name: str, value: float) -> str:
-        """Set a parameter of the chain's simulator."""
-        node = f'{self._commands.namespace}simulator'
-        known = {each.name: each for each in await self._commands.parameters(node)}
-        return await self._commands.set_parameter(node, known[name], value)
+    async def _set_in_simulator(self, name: str, control: ui.select | ui.slider) -> str:
+        """Set a parameter of the chain's simulator to the value of a control."""
+        commands = self._commands
+        node = f'{commands.namespace}simulator'
+        known = {each.name: each for each in await commands.parameters(node)}
+        # Read the value last, because it may arrive after the event that reports its change.
+        return await commands.set_parameter(node, known[name], float(control.value))
 
     def refresh(self, why: Mapping[str, str]) -> None:
         """Disable the groups for which `why` contains a reason, and enable the others."""
@@ -334,7 +336,7 @@ class RunControls(ChainControls):
             async def change() -> str:
                 if factor.value is None:
                     raise ValueError('no real-time factor is selected; select one first')
-                return await self._set_in_simulator('real_time_factor', factor.value)
+                return await self._set_in_simulator('real_time_factor', factor)
 
             button('Set', change, 'speed', 'live-pace')
 

@@ -90,9 +90,8 @@ class WaveControls(ChainControls):
             self._coupling.classes('live-slider')
 
             async def change() -> None:
-                value = float(self._coupling.value)
-                action = partial(self._set_in_simulator, 'chain.non_reciprocity', value)
-                await attempt('Motors', action)
+                name = 'chain.non_reciprocity'
+                await attempt('Motors', partial(self._set_in_simulator, name, self._coupling))
 
             self._coupling.on('change', change)
             self._current = ui.label().classes('live-hint').props('id=live-motors role=status')
