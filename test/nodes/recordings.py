@@ -15,6 +15,7 @@ from rosbags.rosbag2.metadata import parse_qos
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
+from soliton_linkage_msgs.msg import SolitonState
 from soliton_linkage_nodes.bags.reading import open_bag, type_name
 from soliton_linkage_nodes.bags.record.bag_writer import BagWriter
 from soliton_linkage_nodes.messages.conversions import (
@@ -22,7 +23,10 @@ from soliton_linkage_nodes.messages.conversions import (
     NamedChain,
     chain_to_msg,
     frame_to_msg,
+    joint_states_from_msg,
 )
+from soliton_linkage_nodes.messages.joint_state_analysis import JointStateAnalysis
+from soliton_linkage_nodes.messages.state_conversions import state_to_msg
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
@@ -113,6 +117,20 @@ def messages_of(bag: Path) -> dict[str, list[bytes]]:
 def lost_in(bag: Path) -> dict[str, int]:
     with open_bag(bag) as reader:
         return json.loads(reader.custom_data['lost_messages'])
+
+
+def analysed_states(
+    named: NamedChain, frames: Sequence[JointState], **header: object
+) -> list[SolitonState]:
+    """Return the states of frames by the analysis without a node, with changes of the header."""
+    analysis = JointStateAnalysis()
+    analysis.set_chain(named)
+    states = []
+    for joints in map(joint_states_from_msg, frames):
+        found = analysis.analyse(joints)
+        assert found is not None
+        states.append(state_to_msg(found, joints._replace(**header)))
+    return states
 
 
 def publish_frames(publisher: Publisher, named: NamedChain, frames: int) -> list[bytes]:

@@ -11,6 +11,7 @@ from graphs import Graph, values
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
+from simulated_streams import CHAIN, ROTORS, Stream
 from std_msgs.msg import Float64
 from std_srvs.srv import SetBool
 
@@ -18,33 +19,22 @@ from soliton_linkage.dynamics.elastic import ElasticSimulation
 from soliton_linkage.dynamics.initial_states import State, leaning, with_soliton
 from soliton_linkage.dynamics.rigid import RigidSimulation
 from soliton_linkage.dynamics.simulation import Simulation
-from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.deviations import Disorder
 from soliton_linkage.linkage.encoders import EncoderErrors, Encoders
 from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage.solitons.passage import find_obstacles
 from soliton_linkage_msgs.msg import RotorImpulses
 from soliton_linkage_msgs.srv import Reset, Step
-from soliton_linkage_nodes.messages.conversions import chain_from_msg
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.simulator.node import Simulator
 
-ROTORS = 8
 RATE = 250.0
-CHAIN = Chain(number_of_rotors=ROTORS)
-GIVEN = {'chain.number_of_rotors': ROTORS, 'publish_rate': RATE}
 
 
-class Paused:
+class Paused(Stream):
     """A simulator that is stepped on request."""
 
     def __init__(self, graph: Graph, parameters: dict[str, Any] | None = None) -> None:
-        self.graph = graph
-        self.frames: list[JointState] = graph.hear(interfaces.JOINT_STATES)
-        chains = graph.hear(interfaces.CHAIN)
-        self.node = graph.start(Simulator, {**GIVEN, **(parameters or {})})
-        graph.until(lambda: chains and self.frames, 'the chain and a frame')
-        self.chain = chain_from_msg(chains[0]).chain
+        super().__init__(graph, {'publish_rate': RATE, **(parameters or {})})
         assert graph.call(SetBool, 'simulator/pause', data=True).success
 
     def reset(self, **request: Any) -> Any:
@@ -64,18 +54,8 @@ class Paused:
         assert self.graph.call(Step, 'simulator/step', periods=periods).success
         last = self.node.control.status.frames
         assert last == published + periods
-        self.graph.until(lambda: self._stamps()[-1] >= self._stamp(last - 1), 'the last frame')
+        self.graph.until(lambda: self.number(self.frames[-1]) >= last - 1, 'the last frame')
         return self.frames[-periods:]
-
-    def _stamp(self, frame: int) -> float:
-        return frame / RATE - 1e-9
-
-    def _stamps(self) -> list[float]:
-        epoch = self.node.frames.epoch
-        return [
-            (f.header.stamp.sec * 10**9 + f.header.stamp.nanosec - epoch) / 1e9
-            for f in self.frames
-        ]
 
 
 def assert_shown(frames: list[JointState], simulation: Simulation) -> None:

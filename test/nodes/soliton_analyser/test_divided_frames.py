@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from divided_frames import halves, part
 from graphs import Graph, values
-from recordings import START, write_bag
+from recordings import START, analysed_states, write_bag
 from sensor_msgs.msg import JointState
 
 from soliton_linkage.dynamics.elastic import simulate
@@ -21,9 +21,7 @@ from soliton_linkage_nodes.messages.conversions import (
     NamedChain,
     chain_to_msg,
     frame_to_msg,
-    joint_states_from_msg,
 )
-from soliton_linkage_nodes.messages.joint_state_analysis import JointStateAnalysis
 from soliton_linkage_nodes.messages.state_conversions import state_to_msg
 from soliton_linkage_nodes.programs.bag_analysis import analyse_frames
 from soliton_linkage_nodes.runtime import interfaces
@@ -48,13 +46,7 @@ def frames(named):
 
 def expected(named: NamedChain, frames: Sequence[JointState]) -> list[SolitonState]:
     """States of whole frames, without a frame id."""
-    analysis = JointStateAnalysis()
-    analysis.set_chain(named)
-    states = []
-    for joints in map(joint_states_from_msg, frames):
-        found = analysis.analyse(joints)
-        assert found is not None
-        states.append(state_to_msg(found, joints._replace(frame_id='')))
+    states = analysed_states(named, frames, frame_id='')
     assert any(state.solitons for state in states)
     return states
 

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from graphs import Graph, values
 from rclpy.serialization import serialize_message
+from recordings import analysed_states
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
@@ -28,10 +29,7 @@ from soliton_linkage_nodes.messages.conversions import (
     chain_to_msg,
     default_joint_names,
     frame_to_msg,
-    joint_states_from_msg,
 )
-from soliton_linkage_nodes.messages.joint_state_analysis import JointStateAnalysis
-from soliton_linkage_nodes.messages.state_conversions import state_to_msg
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
 from soliton_linkage_nodes.soliton_analyser.node import SolitonAnalyser
@@ -60,18 +58,6 @@ def frames_of(named: NamedChain, speed: float, duration: float = 2.0) -> list[Jo
         )
         for number, (angles, rates) in enumerate(zip(moved.angles, moved.rates, strict=True))
     ]
-
-
-def expected_of(named: NamedChain, frames: Sequence[JointState]) -> list[Any]:
-    """States of frames by the same analysis without a node."""
-    analysis = JointStateAnalysis()
-    analysis.set_chain(named)
-    states = []
-    for joints in map(joint_states_from_msg, frames):
-        found = analysis.analyse(joints)
-        assert found is not None
-        states.append(state_to_msg(found, joints))
-    return states
 
 
 def tell_chain(graph: Graph, named: NamedChain) -> None:
@@ -116,7 +102,9 @@ class Analysed:
 
 def assert_same(states: Sequence[Any], named: NamedChain, frames: Sequence[JointState]) -> None:
     """Compare states with those of the analysis without a node; NaN equals NaN."""
-    assert [repr(each) for each in states] == [repr(each) for each in expected_of(named, frames)]
+    assert [repr(each) for each in states] == [
+        repr(each) for each in analysed_states(named, frames)
+    ]
 
 
 def test_every_frame_gets_its_solitons_under_its_own_header(graph):
