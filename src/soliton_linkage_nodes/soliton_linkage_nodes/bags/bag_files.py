@@ -42,12 +42,9 @@ class BagReader:
         self.path = path
         self._limits = limits
         self._files: list[_File] = []
-        self._stack = ExitStack()
-        try:
+        with ExitStack() as self._stack:
             self._open()
-        except BaseException:
-            self.close()
-            raise
+            self._stack = self._stack.pop_all()
 
     def close(self) -> None:
         """Close the files."""

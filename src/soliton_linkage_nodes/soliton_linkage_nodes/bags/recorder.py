@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
@@ -67,18 +68,27 @@ class BagRecorder(ManagedNode):
         self._settings = settings = current(self, BagRecorderParameters)
         self._paused = settings.start_paused
         self._connected = False
-        self._inbox = GuardedNode(
-            '_bag_recorder_inbox',
-            namespace=self.get_namespace(),
-            context=self.context,
-            enable_rosout=False,
-            start_parameter_services=False,
-        )
-        try:
-            self._record(settings)
-        except BaseException:
-            self._inbox.destroy_node()
-            raise
+        with ExitStack() as undo:
+            self._inbox = GuardedNode(
+                '_bag_recorder_inbox',
+                namespace=self.get_namespace(),
+                context=self.context,
+                enable_rosout=False,
+                start_parameter_services=False,
+            )
+            undo.callback(self._inbox.destroy_node)
+            patterns = settings.regex, settings.exclude_regex
+            self._finder = TopicFinder(self._inbox, settings.topics, *patterns)
+            paused = self._paused or not self.starting
+            self._buffer = RecordingBuffer(settings.snapshot_duration, paused)
+            self._bag = WritingThread(lambda: _create_writer(settings), real_time=self.real_time)
+            undo.callback(self._bag.abandon)
+            self._receiving = ReceivingThread(
+                self._finder, self._buffer, self._bag, self._announce, self.real_time
+            )
+            self.diagnostics = Diagnostics(self, 'recording', self.reporting(self._report))
+            self._offer_services()
+            undo.pop_all()
         self.get_logger().info(
             f'created {self._bag.writer.path}; discovering all publishers, which takes 3 s'
         )
@@ -130,22 +140,6 @@ class BagRecorder(ManagedNode):
             )
         if self.failure is not None:
             raise self.failure
-
-    def _record(self, settings: BagRecorderParameters) -> None:
-        patterns = settings.regex, settings.exclude_regex
-        self._finder = TopicFinder(self._inbox, settings.topics, *patterns)
-        paused = self._paused or not self.starting
-        self._buffer = RecordingBuffer(settings.snapshot_duration, paused)
-        self._bag = WritingThread(lambda: _create_writer(settings), real_time=self.real_time)
-        try:
-            self._receiving = ReceivingThread(
-                self._finder, self._buffer, self._bag, self._announce, self.real_time
-            )
-            self.diagnostics = Diagnostics(self, 'recording', self.reporting(self._report))
-            self._offer_services()
-        except BaseException:
-            self._bag.abandon()
-            raise
 
     def _announce(self, missing: Sequence[str]) -> None:
         writer = self._bag.writer

@@ -8,7 +8,7 @@ import os
 import re
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import Any, TypeVar
 
 import rclpy
@@ -139,15 +139,12 @@ def visiting(
     limit: float = _FOUND_WITHIN, clock: Callable[[], float] = time.monotonic
 ) -> Iterator[Visitor]:
     """Yield a visitor, which is destroyed at the end of the block."""
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-    try:
+    with ExitStack() as stack:
+        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        stack.callback(rclpy.try_shutdown)
         visitor = Visitor(limit, clock)
-        try:
-            yield visitor
-        finally:
-            visitor.leave()
-    finally:
-        rclpy.try_shutdown()
+        stack.callback(visitor.leave)
+        yield visitor
 
 
 Verb = Callable[[Visitor, argparse.Namespace], int | None]

@@ -158,12 +158,11 @@ class StoredSqlite:
     def __init__(self, path: Path, limits: BagLimits) -> None:
         """Read the topics and the first and the last receive time."""
         self._limits = limits
-        self._stack = ExitStack()
-        try:
-            folder = self._stack.enter_context(TemporaryDirectory(prefix='bag_'))
+        with ExitStack() as stack:
+            folder = stack.enter_context(TemporaryDirectory(prefix='bag_'))
             path = _with_journal(path, Path(folder))
             tables = Tables(path, limits.max_unpacked)
-            self._tables = self._stack.enter_context(closing(tables))
+            self._tables = stack.enter_context(closing(tables))
             self.counts = Counter(tables.counts('messages', 'topic_id'))
             self.topics = dict(map(_checked_topic, tables.topics()))
             self.span = tables.extremes('messages', 'timestamp') if self.counts else None
@@ -171,9 +170,7 @@ class StoredSqlite:
                 if not isinstance(stamp, int):
                     text = str(stamp)[:40]
                     raise ValueError(f'a message has the stamp {text}, not a time in ns')
-        except BaseException:
-            self.close()
-            raise
+            self._stack = stack.pop_all()
 
     def close(self) -> None:
         """Close the file."""
