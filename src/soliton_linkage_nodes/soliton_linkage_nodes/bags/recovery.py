@@ -116,7 +116,7 @@ class _BagScan:
         self._topics: dict[StoredTopic, StoredTopic] = {}
         self._taken = 0
         information, error = _metadata_of(path)
-        types = dict(topics_in(information or {}))
+        types = dict(topics_in(information or {}).keys())
         self._expected = guards.parse_count((information or {}).get('message_count'))
         for file in files:
             with _opened(file, doubtful, limits) as recovered:

@@ -359,3 +359,14 @@ def test_rows_of_a_cut_sqlite3_file_that_sqlite_can_read_come_back(named, tmp_pa
     assert 'not a whole page' in report.damage[0]
     assert 'sqlite3 reports' in report.damage[1]
     assert report.messages + report.lost == len(sent)
+
+
+def test_a_type_whose_definition_is_lost_is_taken_from_the_metadata(tmp_path):
+    bag = write_nudges(tmp_path / 'run')
+    channel = mcap_records.channel_record(mcap_records.Channel(1, 1, '/nudge', 'cdr', {}))
+    body = serialize_message(NUDGE.type(data=0.5))
+    message = mcap_records.message_head(1, START, len(body)) + body
+    data_file(bag).write_bytes(mcap_records.MAGIC + channel + message)
+    report, new = recover_bag(bag, tmp_path / 'new')
+    assert [topic.type_name for topic in report.counts] == [type_name(NUDGE.type)]
+    assert contents(new) == [('/nudge', START, body)]
