@@ -265,8 +265,13 @@ class ComplianceCorrection:
         return here + beyond * (samples[(number + 1) % count] - here)
 
     def rate_after_impulse(self, rate: float, momentum: float) -> float:
-        """Return the result of the function `rate_after_impulse` [rad/s] for the mean mu."""
-        return rate_after_impulse(rate, momentum, self._mean)
+        """Return the rate [rad/s] after an impulse, for the mean mu.
+
+        `momentum` is the impulse along the orbit divided by the inertia of a rotor [rad/s].
+        """
+        total = rate + 2 * self._mean * rate**3 + momentum
+        scale = math.sqrt(6 * self._mean)
+        return 2 / scale * math.sinh(math.asinh(1.5 * scale * total) / 3)
 
     def contraction(self, rate: float) -> tuple[float, float]:
         """Return p / (I w) and (dp / dw) / I [1] for the mean mu, momentum p and rate w [rad/s].
@@ -327,13 +332,3 @@ def _mu(orbit: Orbit, arc: float) -> float:
     pulled = first * bend[:-1] + second * bend[1:]
     tensions: Array = solveh_banded(gram_matrix_bands(first, second), pulled)
     return float(tensions @ tensions) * chain.moment_of_inertia / chain.stiffness
-
-
-def rate_after_impulse(rate: float, momentum: float, mu: float) -> float:
-    """Return the rate [rad/s] after an impulse, for a compliance mu [s^2].
-
-    `momentum` is the impulse along the orbit divided by the inertia of a rotor [rad/s].
-    """
-    total = rate + 2 * mu * rate**3 + momentum
-    scale = math.sqrt(6 * mu)
-    return 2 / scale * math.sinh(math.asinh(1.5 * scale * total) / 3)

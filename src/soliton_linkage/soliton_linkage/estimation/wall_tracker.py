@@ -169,8 +169,8 @@ class WallTracker:
         for until, track in self._at_edges:
             if time > until:
                 edge, ids = self._line.nearest_edge(track.rotor), ((track.id,), ())
-                charges, energies = (track.charge, 0), (track.energy, 0.0)
-                self._add(EventKind.DEATH_AT_EDGE, track.last_seen, edge, ids, charges, energies)
+                death = EventKind.DEATH_AT_EDGE, track.last_seen, edge, *ids
+                self._events.append(SolitonEvent(*death, track.charge, 0, track.energy))
         self._at_edges = [each for each in self._at_edges if time <= each[0]]
         shown = sorted(
             (each for each in self._tracks if each.id and each.is_seen),
@@ -209,22 +209,10 @@ class WallTracker:
         self._next += 1
         return track.id
 
-    def _add(
-        self,
-        kind: EventKind,
-        time: float,
-        rotor: float,
-        ids: tuple[tuple[int, ...], tuple[int, ...]],
-        charges: tuple[int, int] = (0, 0),
-        energies: tuple[float, float] = (0.0, 0.0),
-        collisions: int = 0,
-    ) -> None:
-        self._events.append(SolitonEvent(kind, time, rotor, *ids, *charges, *energies, collisions))
-
     def _add_found(self, track: WallTrack, time: float, frame: WallFrame) -> None:
-        energy, ids = frame.energy([track.rotor]), ((), (self._name(track),))
-        charges = track.charge, track.charge
-        self._add(EventKind.FOUND, time, track.rotor, ids, charges, (energy, energy))
+        energy, found = frame.energy([track.rotor]), (EventKind.FOUND, time, track.rotor)
+        ids, charges = ((), (self._name(track),)), (track.charge, track.charge)
+        self._events.append(SolitonEvent(*found, *ids, *charges, energy, energy))
 
     def _add_from_edge(self, track: WallTrack, time: float) -> None:
         edge, charge = self._line.nearest_edge(track.rotor), track.charge
@@ -250,8 +238,9 @@ class WallTracker:
         left, right = self._in_order(track, other)
         ids = (), (self._name(left), self._name(right))
         site = self._line.midpoint(left.rotor, right.rotor)
-        energies = 0.0, frame.energy([left.rotor, right.rotor])
-        self._add(EventKind.BIRTH_OF_PAIR, time, site, ids, energies=energies)
+        energy = frame.energy([left.rotor, right.rotor])
+        birth = SolitonEvent(EventKind.BIRTH_OF_PAIR, time, site, *ids, energy_after=energy)
+        self._events.append(birth)
 
     def _partner(self, track: WallTrack, others: Sequence[WallTrack]) -> WallTrack | None:
         near = [
@@ -309,17 +298,18 @@ class WallTracker:
     def _conclude(self, met: Encounter, time: float, frame: WallFrame) -> None:
         kind = met.outcome(time)
         if kind is EventKind.BREATHER_FORMED:
-            formed = met.ids_before, (self._next,)
+            ids, before = (met.ids_before, (self._next,)), met.energy
             met.breather, self._next = self._next, self._next + 1
-            energies = met.energy, frame.energy([met.site])
-            met.energy = energies[1]
-            self._add(kind, met.when, met.site, formed, (0, 0), energies, met.collisions)
+            met.energy = frame.energy([met.site])
+            formed = kind, met.when, met.site, *ids, 0, 0, before, met.energy, met.collisions
+            self._events.append(SolitonEvent(*formed))
         elif kind is not None:
             parted = [met.left, met.right] if met.both_seen else []
             ids = met.ids_before, tuple(each.id for each in parted)
             after = frame.energy([each.rotor for each in parted]) if parted else 0.0
-            when, energies = time if met.breather else met.when, (met.energy, after)
-            self._add(kind, when, met.site, ids, (0, 0), energies, met.collisions)
+            when = time if met.breather else met.when
+            ended = kind, when, met.site, *ids, 0, 0, met.energy, after, met.collisions
+            self._events.append(SolitonEvent(*ended))
         if met.is_over():
             self._encounters.remove(met)
         elif kind in (EventKind.ANNIHILATION, EventKind.BREATHER_DECAYED):
@@ -350,9 +340,9 @@ class WallTracker:
                 met.add_overlap(time, 1.0)
                 continue
             self._tracks.remove(track)
-            charges, ids = (track.charge, track.charge), ((track.id,), ())
-            energies = math.nan, math.nan
-            self._add(EventKind.LOST, track.last_seen, track.rotor, ids, charges, energies)
+            lost = EventKind.LOST, track.last_seen, track.rotor, (track.id,), ()
+            charges = track.charge, track.charge
+            self._events.append(SolitonEvent(*lost, *charges, math.nan, math.nan))
 
     def _report_pending(self, time: float, frame: WallFrame) -> None:
         waiting = []
