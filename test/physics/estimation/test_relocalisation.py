@@ -81,7 +81,7 @@ def test_distant_rotors_do_not_reduce_the_probability():
 
 
 def test_the_budget_limits_searches_per_second_of_stamps():
-    budget = ScanBudget(TrackingSettings(scan_rate=10.0, scan_burst=3.0))
+    budget = ScanBudget(TrackingSettings(scan_rate=10.0, confirming_frames=3))
     spent = [budget.spend(0.002 * frame) for frame in range(1000)]
     assert spent[:4] == [True, True, True, False]
     assert sum(spent) == pytest.approx(10 * 2 + 3, abs=1)

@@ -35,15 +35,12 @@ _WAVE_TIME = 10.0
 _LEAST_DISTANCE = 0.01
 """An encoder may have an unknown offset if the mean residual of its rotor exceeds a limit,
 computed from the residuals of all rotors, by more than this [rad]."""
-_LEAST_ERROR = 3e-4
-"""Standard deviation of a residual due to persistent errors such as rounding errors [rad]."""
 _CONTRADICTION = 0.3
 """A correction near the wall counts as wrong if the corrected residual has the opposite sign and
 is larger than this share of the correction [1] plus allowances for noise and for the speed of the
 wall."""
-_FROM_EDGE = 2.0
-"""Corrections near the wall are tested only if the wall is farther than this from both edges
-[rotor spacings]."""
+EDGE_ROTORS = 2.0
+"""Springs may deform a wall whose distance from an edge is below this [rotor spacings]."""
 _STUCK, _MOST_STUCK = 1e-5, 0.2
 """A reading counts as unchanged if it differs from the reading of the same encoder one block
 earlier by at most `_STUCK` [rad]. The chain counts as at rest if more than the share `_MOST_STUCK`
@@ -212,7 +209,7 @@ class FarFieldResiduals:
         strong = self._strong + 4 * noise
         speed = (self._highest - self._lowest) * self._time_unit / max(self._time, 1e-12)
         # Springs deform a wall if the wall is at an edge or fast; test other walls only.
-        inside = self._lowest > _FROM_EDGE and self._highest < len(sides) - 1 - _FROM_EDGE
+        inside = self._lowest > EDGE_ROTORS and self._highest < len(sides) - 1 - EDGE_ROTORS
         changed, self._means = means - self._means, means.copy()
         far, self._far = (sides != 0) & self._far, sides != 0
         squares = np.where(far & np.isfinite(changed), changed**2 / 2, self._unsteady)
@@ -238,7 +235,7 @@ class FarFieldResiduals:
         # If most rotors seem to have an offset, deviations of rotors and springs are the cause.
         passed = (offsets.weights > 0).all(axis=0)
         typical = robust_deviation(np.abs(offsets.values[passed]))
-        persistent = unsteady + _LEAST_ERROR**2 + typical**2
+        persistent = unsteady + typical**2
         strange = np.abs(innovations) > given.significance * (predicted + math.sqrt(noise))
         means[strange] = np.nan
         offsets.update(means, sides, noise, persistent)

@@ -230,6 +230,10 @@ def _looked_up(apart: float, table: Array) -> float:
 class SampledWalls(NamedTuple):
     """Walls at sampled points of an orbit; the angles of all walls are in one array."""
 
+    arcs: Array
+    """Arc length of each sample along the orbit [rad], shape (S,)."""
+    sites: Array
+    """Site of the wall in each sample [rotor spacings], shape (S,)."""
     legs: Counts
     """Leg of the orbit to which each sample belongs, shape (S,)."""
     firsts: Counts
@@ -241,7 +245,7 @@ class SampledWalls(NamedTuple):
     """Angles of the rotors near the walls [rad], wall by wall."""
 
 
-_WALLS = named_tuple(SampledWalls, i8_1d, i8_1d, i8_1d, f8_1d)
+_WALLS = named_tuple(SampledWalls, f8_1d, f8_1d, i8_1d, i8_1d, i8_1d, f8_1d)
 
 
 @compiled(const_f8_1d, const_f8_2d, const_f8_2d, _WALLS, const_f8_1d, f8_1d)

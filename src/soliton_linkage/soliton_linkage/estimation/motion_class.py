@@ -47,16 +47,13 @@ _LEAST_NOISE = 1e-6
 _LEANING = 3.0
 """A frame shows a wall only if sin(theta_left) and sin(theta_right) have opposite signs and
 absolute values above this number of their standard deviations [1]."""
-_FLAT, _FLAT_IN_NOISE, _NOISIEST = 0.02, 2.0, 0.15
+_FLAT = 2.0
 """A tail consists of rotors on one side of a wall whose deviations from the rest angle decrease
-outwards. It ends where the deviation is at most `_FLAT` rest angles or `_FLAT_IN_NOISE` standard
-deviations of the noise. Tails are not used if the noise exceeds `_NOISIEST` rest angles [1]."""
-_BEND, _NEGLECTED = 0.1, 0.01
-"""`_BEND` is the prior standard deviation of the coefficient of e^2 in e' - F(e), multiplied by
-the rest angle [1]. `_NEGLECTED` is the standard deviation of lambda due to extended springs
+outwards. It ends where the deviation is at most this number of standard deviations of the noise
 [1]."""
-_SPREAD = 1.2
-"""Variance of e' - F(e) due to the noise of the two angles, divided by the noise variance [1]."""
+_BEND = 0.1
+"""Prior standard deviation of the coefficient of e^2 in e' - F(e), multiplied by the rest angle
+[1]."""
 _LEAST_LEVER = 1e-9
 """A lever of 0 (spring and outer rotor in line) is replaced by this [1], to avoid a division by
 0."""
@@ -181,16 +178,13 @@ def tail_products(
     """
     mean, handed = part.mean, 1.0 if (part.sine > 0) == (part.cosine > 0) else -1.0
     rest_angle = math.pi / 2 - abs(math.asin(math.cos(mean)))
-    if noise > _NOISIEST * rest_angle:
-        return
-    flat = max(_FLAT_IN_NOISE * noise, _FLAT * rest_angle)
     way, half = 1 if edge > nearest else -1, abs(edge - nearest) // 2
     deviations = np.empty(half + 1)
     for n in range(half + 1):
         deviations[n] = handed * wrapped(_staggered(angles, nearest + way * n) - mean)
-    begin, end = tail_of_side(deviations, rest_angle, flat)
+    begin, end = tail_of_side(deviations, rest_angle, _FLAT * noise)
     k = 2 * math.sin(rest_angle)
-    variance = noise * noise * (_SPREAD + 1 / part.known)
+    variance = noise * noise * (1 + 1 / part.known)
     for n in range(begin, min(end, half)):
         e, outer = deviations[n], deviations[n + 1]
         if math.isfinite(outer):
@@ -257,7 +251,7 @@ def tail_ratio(tails: Array, rest_angle: float, deformation: float) -> tuple[flo
     determinant = first * second - both * both
     ratio = (second * tails[0, 2] - both * tails[1, 2]) / determinant
     by_forces = deformation**2 * tails[0, 0] / tails[1, 1]
-    return ratio, math.sqrt(second / determinant + _NEGLECTED**2 + by_forces)
+    return ratio, math.sqrt(second / determinant + by_forces)
 
 
 @compiled(_NUMBERS, const_f8_1d, f8, f8, f8, f8, f8_2d)

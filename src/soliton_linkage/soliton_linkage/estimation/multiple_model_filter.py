@@ -58,8 +58,6 @@ from soliton_linkage.estimation.filter_bank import (
 from soliton_linkage.estimation.settings import DEFAULTS, FilterSettings
 
 _Summary = tuple[float, float, float, float, float]
-_FIRST_ODDS = 5.5
-"""Prior log odds in favour of the steady filter [1]."""
 _LEAST_IMPULSE = 0.1
 """Assumed standard deviation of the rate change by an impulse to a wall at rest, relative to the
 typical rate [1]."""
@@ -97,7 +95,7 @@ class MultipleModelFilter:
             damped = slice(1, 1 + len(settings.biases))
             covariances[damped, DISTURBANCE, DISTURBANCE] = (settings.damping * scale) ** 2
         self._status = np.zeros(1, STATUS)
-        odds, least_impulse = -_FIRST_ODDS, (_LEAST_IMPULSE * scale) ** 2
+        odds, least_impulse = -settings.restart_odds, (_LEAST_IMPULSE * scale) ** 2
         decay = scale / settings.bias_time
         constants = self._base, site_arc, least_impulse, decay
         self._status[0] = *constants, variance, 0, 0, 0, odds, 0, 0, 0, 0

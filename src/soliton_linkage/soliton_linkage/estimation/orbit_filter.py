@@ -18,7 +18,7 @@ import numpy as np
 
 from soliton_linkage.dynamics.motor_controllers import feedback_torques
 from soliton_linkage.dynamics.terms import of_chain, term_table, torques_of
-from soliton_linkage.estimation.encoder_offsets import EncoderOffsets
+from soliton_linkage.estimation.encoder_offsets import EDGE_ROTORS, EncoderOffsets
 from soliton_linkage.estimation.estimates import OrbitEstimate, TrackingStatus, lost
 from soliton_linkage.estimation.frames import FrameImpulse, check_noise, rotor_swing
 from soliton_linkage.estimation.hypotheses import Hypotheses, Hypothesis
@@ -39,9 +39,6 @@ from soliton_linkage.linkage.chain import Array, check_shape
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
 from soliton_linkage.orbit.orbit import Orbit
 
-_EDGE_ROTORS = 2.0
-"""A wall is at an edge if its distance from it is below this plus the penetration depth [rotor
-spacings]."""
 _FIELD_SHARE = 0.08
 """Assumed standard deviation of the arc length due to persistent residuals near the wall, divided
 by their rms [1]. Sensitivity: at 0, errors near waves exceed stated deviations by 2 %."""
@@ -95,7 +92,7 @@ class OrbitFilter:
             for active in (False, True)
         ]
         self._phonon_period = 2 * math.pi / gap(chain)
-        self._edge = _EDGE_ROTORS + penetration_depth(chain) / chain.spacing
+        self._edge = EDGE_ROTORS + penetration_depth(chain) / chain.spacing
         self._deviates = chain.deviations != NO_DEVIATIONS
         self._likelihood = FrameLikelihood(swing, settings.likelihood)
         self._scales = ReadingScales(noise)

@@ -12,6 +12,7 @@ from scipy.linalg import solveh_banded
 from soliton_linkage.estimation.encoder_offsets import EncoderOffsets, FarFieldResiduals
 from soliton_linkage.estimation.frames import Flags
 from soliton_linkage.estimation.measurement import (
+    LEAST_INFORMATION,
     NO_FLAGS,
     FrameLikelihood,
     LinearisedMeasurement,
@@ -155,9 +156,6 @@ class OrbitMeasurementModel:
 _NEGLIGIBLE = 0.01
 """The arc length is not corrected if the variance that unseen rotors cause, divided by the
 variance of the noise, is at most this [1]."""
-_LEAST_SEEN = 1e-6
-"""The arc length is not corrected if the squared tangent, summed over the seen rotors, is at most
-this [1]."""
 
 
 class UnseenRotorCorrection:
@@ -182,7 +180,7 @@ class UnseenRotorCorrection:
         tangent = self._orbit.tangent(arc)
         hidden = float(tangent[unseen] @ tangent[unseen])
         shown = 1 - hidden
-        if hidden * field <= _NEGLIGIBLE * noise or shown <= _LEAST_SEEN:
+        if hidden * field <= _NEGLIGIBLE * noise or shown <= LEAST_INFORMATION:
             return 0.0
         held, pull = self._balanced(arc, unseen, tangent)
         amplified = shown * pull[~unseen] + hidden * tangent[~unseen]
@@ -216,9 +214,6 @@ _SLOW = 0.25
 """A wall is slow if it passes at most this many rotors per period of the slowest phonon [1]."""
 _SECOND_ORDER = 0.5
 """Square root of the measured relative error with which `rate_ratio` predicts the rate change of
-the fastest slow wall [1]."""
-_LONGEST_RESOLVED = 4 / 3
-"""The spring forces on a wall average out if the wall is faster than this multiple of the speed of
 the fastest slow wall [1]."""
 
 _RADIATION = 0.2
@@ -298,7 +293,7 @@ class ComplianceCorrection:
         relative = abs(rate) / self._adiabatic
         if abs(rate) <= self._fastest:
             return change * (_SECOND_ORDER * relative) ** 2
-        return change * min(_LONGEST_RESOLVED / relative, 1.0) ** 4
+        return change * min(1 / relative, 1.0) ** 4
 
     def ripple(self, rate: float) -> float:
         """Return the variance of the site of a wall due to the ripple of its rate [spacings^2].

@@ -47,8 +47,6 @@ SCAN_DEVIATION = 0.1
 step of a scan is half of it."""
 _EXACT = 1e-8
 """The search for the nearest point of the orbit ends when a step is shorter than this [rad]."""
-_SAME_ARC = 0.01
-"""Two maxima count as one if their arc lengths differ by less than this [rad]."""
 _MOST_PLACES = 12
 """Largest number of maxima that are refined [1]."""
 _STEPS_OF_TABLE = 32
@@ -89,29 +87,18 @@ class CandidateSet(NamedTuple):
         return found / (found + math.exp(self.elsewhere - top))
 
 
-@dataclass(frozen=True)
-class OrbitSamples:
-    """Sampled points of an orbit."""
-
-    arcs: Array
-    """Arc length of each sample along the orbit [rad], shape (S,)."""
-    sites: Array
-    """Site of the wall in each sample [rotor spacings], shape (S,)."""
-    walls: likelihood.SampledWalls
-
-
-def samples_of(orbit: Orbit, arcs: Array) -> OrbitSamples:
+def samples_of(orbit: Orbit, arcs: Array) -> likelihood.SampledWalls:
     """Return samples of an orbit at given arc lengths [rad], shape (S,)."""
     about = [orbit.segment(arc) for arc in arcs.tolist()]
     counts = np.array([len(each.angles) for each in about], dtype=np.int64)
-    walls = likelihood.SampledWalls(
+    return likelihood.SampledWalls(
+        arcs,
+        np.array([orbit.site(arc) for arc in arcs.tolist()]),
         np.array([orbit.leg(arc) for arc in arcs.tolist()], dtype=np.int64),
         np.array([each.first for each in about], dtype=np.int64),
         np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(counts)]),
         np.concatenate([each.angles for each in about]),
     )
-    sites = np.array([orbit.site(arc) for arc in arcs.tolist()])
-    return OrbitSamples(arcs, sites, walls)
 
 
 class Relocaliser:
@@ -153,7 +140,7 @@ class Relocaliser:
         images = {each: math.pi - angles if each else angles for each in upside_down}
         wide = max(self._coarse, (4.0 * noise) ** 2)
         peaks: list[tuple[float, float, bool]] = []
-        scans: list[tuple[bool, OrbitSamples]] = []
+        scans: list[tuple[bool, likelihood.SampledWalls]] = []
         for turned, image in images.items():
             samples = self._samples(image, wide)
             found = self._scanned(image, samples, wide)
@@ -170,11 +157,12 @@ class Relocaliser:
         likely = peaks[:_MOST_PLACES]
         variance = self._variance(images[likely[0][2]], likely[0][1], wide, noise)
         candidates: list[Candidate] = []
+        same_arc = SAME_SITE * self._orbit.site_arc
         for _, arc, turned in likely:
             candidate = self._refined(images[turned], arc, turned, wide, variance)
             same = any(
                 each.upside_down == turned
-                and abs(math.remainder(each.arc - candidate.arc, self._orbit.length)) < _SAME_ARC
+                and abs(math.remainder(each.arc - candidate.arc, self._orbit.length)) < same_arc
                 for each in candidates
             )
             if candidate.view.information > 0 and not same:
@@ -212,7 +200,7 @@ class Relocaliser:
     def _elsewhere(
         self,
         images: dict[bool, Array],
-        scans: list[tuple[bool, OrbitSamples]],
+        scans: list[tuple[bool, likelihood.SampledWalls]],
         candidates: list[Candidate],
         variance: float,
     ) -> float:
@@ -232,7 +220,7 @@ class Relocaliser:
         return top + math.log(float(np.exp(joined - top).sum()) * self._step)
 
     def _scanned(
-        self, image: Array, samples: OrbitSamples, variance: float, between: float = 0.0
+        self, image: Array, samples: likelihood.SampledWalls, variance: float, between: float = 0.0
     ) -> Array:
         sums, found = self._sums(image, variance), np.empty(len(samples.arcs))
         variance += between
@@ -240,7 +228,7 @@ class Relocaliser:
         table = np.empty(2 + math.ceil(math.pi / step))
         floor = self._likelihood.floor(variance)
         likelihood.tabulate(variance, self._given.bound, floor, table)
-        likelihood.scan(image, sums[0], sums[1], samples.walls, table, found)
+        likelihood.scan(image, sums[0], sums[1], samples, table, found)
         return found
 
     def _sums(self, image: Array, variance: float) -> Array:
@@ -251,7 +239,7 @@ class Relocaliser:
             likelihood.sum_likelihoods(image, states, variance, bound, floor, row)
         return sums
 
-    def _samples(self, image: Array, variance: float) -> OrbitSamples:
+    def _samples(self, image: Array, variance: float) -> likelihood.SampledWalls:
         if self._all is not None:
             return self._all
         orbit, sums = self._orbit, self._sums(image, variance)
@@ -275,18 +263,18 @@ class ScanBudget:
     """Limit of the number of searches per second of recorded time, so that frames do not queue."""
 
     def __init__(self, settings: TrackingSettings) -> None:
-        self._settings = settings
+        self._rate, self._burst = settings.scan_rate, float(settings.confirming_frames)
         self.restart()
 
     def restart(self) -> None:
-        """Allow `scan_burst` searches without a pause."""
-        self._left, self._last = self._settings.scan_burst, math.nan
+        """Allow `confirming_frames` searches without a pause."""
+        self._left, self._last = self._burst, math.nan
 
     def spend(self, time: float) -> bool:
         """Count a search at the given time [s]; return False if the limit does not allow it."""
         if not math.isnan(self._last):
-            gained = (time - self._last) * self._settings.scan_rate
-            self._left = min(self._left + gained, self._settings.scan_burst)
+            gained = (time - self._last) * self._rate
+            self._left = min(self._left + gained, self._burst)
         self._last = time
         if self._left < 1:
             return False

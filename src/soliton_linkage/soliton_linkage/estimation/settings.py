@@ -118,7 +118,9 @@ class FilterSettings(_Part):
         'rotor spacings',
     )
     restart_odds: float = quantity(
-        6.0, 'log odds against the steady model at which the steady model restarts'
+        6.0,
+        'log odds against the steady model at which the steady model restarts, and initial log '
+        'odds in favour of it',
     )
     impulse_ages: int = quantity(8, 'number of impulse hypotheses, at ages of 1, 2, 4, ... frames')
     impulse_rarity: float = quantity(8.0, 'prior log odds against an impulse in a frame')
@@ -145,7 +147,9 @@ class TrackingSettings(_Part):
         12.0, 'a position is discarded if the log odds of the best position against it exceed this'
     )
     confirming_frames: int = quantity(
-        3, 'number of successive frames that confirm a new wall or the loss of a wall'
+        3,
+        'number of successive frames that confirm a new wall or the loss of a wall, and largest '
+        'number of immediately successive searches of the orbit after a pause',
     )
     clock_limit: float = quantity(
         1.0, 'largest delay of a late frame; a larger delay restarts the clock', 's'
@@ -165,9 +169,6 @@ class TrackingSettings(_Part):
     )
     scan_rate: float = quantity(
         20.0, 'largest mean rate of searches of the orbit in recorded time', '1/s'
-    )
-    scan_burst: float = quantity(
-        3.0, 'largest number of immediately successive searches after a pause'
     )
 
 

@@ -14,6 +14,7 @@ from soliton_linkage.estimation.frames import Flags
 from soliton_linkage.linear.bands import couplings, penetration_depth, winding_number
 from soliton_linkage.linear.rigidity import rigidity_bands
 from soliton_linkage.linkage.chain import Array, Chain, Motion, check_shape
+from soliton_linkage.solitons.tanh_fit import DOMAIN
 
 
 class Energies(NamedTuple):
@@ -115,9 +116,6 @@ class ArcRate(NamedTuple):
     deviation: float = 0.0
 
 
-_DOMAIN = 0.5
-"""A bond is in a domain if its absolute polarisation is above this multiple of the polarisation of
-the uniform state [1]."""
 EXACT = FrameErrors()
 _NO_TURNS = (math.nan, math.nan)
 
@@ -175,7 +173,7 @@ class StateReporter:
             check_shape(rates, chain.number_of_rotors, 'rate')
             rotors[2] = rates
         before, beyond = self._bonds_beside(walls)
-        domain = _DOMAIN * self._uniform
+        domain = DOMAIN * self._uniform
         self._scope[0] = errors.noise, noise, self._reach, before, beyond, domain
         shape, sides, elastic, kinetic = state_loops.report(
             state,

@@ -298,11 +298,11 @@ class WallTracker:
     def _conclude(self, met: Encounter, time: float, frame: WallFrame) -> None:
         kind = met.outcome(time)
         if kind is EventKind.BREATHER_FORMED:
-            ids, before = (met.ids_before, (self._next,)), met.energy
+            pair, before = met.ids_before, met.energy
             met.breather, self._next = self._next, self._next + 1
             met.energy = frame.energy([met.site])
-            formed = kind, met.when, met.site, *ids, 0, 0, before, met.energy, met.collisions
-            self._events.append(SolitonEvent(*formed))
+            formed = kind, met.when, met.site, pair, (met.breather,)
+            self._events.append(SolitonEvent(*formed, 0, 0, before, met.energy, met.collisions))
         elif kind is not None:
             parted = [met.left, met.right] if met.both_seen else []
             ids = met.ids_before, tuple(each.id for each in parted)

@@ -19,6 +19,7 @@ from soliton_linkage.estimation.wall_shapes import WallShapes, fit_about
 from soliton_linkage.linear.bands import penetration_depth
 from soliton_linkage.linkage.chain import Array, Chain, Motion
 from soliton_linkage.solitons.continuum import wall_theory
+from soliton_linkage.solitons.tanh_fit import WIDEST_LEAN_RATIO
 
 _CLEAR = 2
 """The contraction is known only if the distance of the wall from both edges is at least this
@@ -36,9 +37,6 @@ least `_FEWEST_PASSAGES` [1]. In a passage, the wall moves by one rotor spacing.
 _SIGNIFICANCE = 2.5
 """The scatter between passages counts as 0 unless chi-squared exceeds its mean for pure noise by
 this number of standard deviations [1]."""
-_WIDEST_LEAN_RATIO = 2.0
-"""The walls of flippers have a tanh profile only if the lean ratio d is below this [1]. The walls
-of spinners always have it."""
 
 
 class Contraction(NamedTuple):
@@ -180,7 +178,7 @@ class TheoryWidth:
     def __init__(self, chain: Chain) -> None:
         theory = wall_theory(chain)
         self._speed_of_sound = theory.speed_of_sound
-        defined = chain.motion is Motion.SPINNER or chain.lean_ratio < _WIDEST_LEAN_RATIO
+        defined = chain.motion is Motion.SPINNER or chain.lean_ratio < WIDEST_LEAN_RATIO
         self._at_rest = theory.width() if defined else math.nan
 
     def __call__(self, velocity: float) -> float:

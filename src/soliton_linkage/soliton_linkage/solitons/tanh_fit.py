@@ -31,7 +31,7 @@ _FIT_ITERATIONS = 12
 _FIT_REACH = 4.0
 """The fit includes rotors up to this distance from the wall [wall widths] plus one rotor spacing.
 Farther away, 1 - |tanh| is below 7e-4."""
-_WIDEST_LEAN_RATIO_WITH_A_WIDTH = 2.0
+WIDEST_LEAN_RATIO = 2.0
 """No width is fitted to flippers with this lean ratio d or a larger one [1], because their walls
 have no tanh profile."""
 
@@ -208,7 +208,7 @@ class _TanhFit:
         chain = self._chain
         edge = min(self._centre, chain.number_of_rotors - 1 - self._centre)
         wobbling = chain.motion is not Motion.SPINNER
-        undefined = wobbling and chain.lean_ratio >= _WIDEST_LEAN_RATIO_WITH_A_WIDTH
+        undefined = wobbling and chain.lean_ratio >= WIDEST_LEAN_RATIO
         if undefined or edge < 2 * self._width or len(self._rotors) < 4:
             return math.nan, math.nan
         centre, width = self._centre, self._width
