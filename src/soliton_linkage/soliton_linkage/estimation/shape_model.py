@@ -33,6 +33,9 @@ from soliton_linkage.estimation.wall_track import LatticeCoordinates, WallMeasur
 from soliton_linkage.linkage.chain import Array, Motion, staggered
 from soliton_linkage.solitons.tanh_fit import polarisation
 
+_TAILS = 1.5
+"""Other walls within this multiple of `WallTable.reach` are subtracted before a wall is fitted
+[1]."""
 _SCAN_BESIDE = 1.5
 """A scan extends this far to either side of a domain border [rotor spacings]."""
 
@@ -147,7 +150,7 @@ class ShapeMeasurementModel:
         own = theta[rotors % len(theta)]
         first = int(rotors[0]) if len(rotors) else 0
         for way, other in ways:
-            if len(rotors):
+            if len(rotors) and abs(way) <= _TAILS * reach:
                 far = np.ascontiguousarray(other.shape.sides[:, int(way < 0)][rotors % 2])
                 own = own + self._residuals(far, first, other, wall.site + way)
         return first, own
