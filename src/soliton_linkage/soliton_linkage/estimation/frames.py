@@ -12,14 +12,7 @@ from numpy.typing import NDArray
 from soliton_linkage.compiling import compile_loop, compiled, const_f8_1d, f8, f8_1d
 from soliton_linkage.estimation.estimates import OrbitEstimate
 from soliton_linkage.estimation.settings import DEFAULTS
-from soliton_linkage.linkage.chain import (
-    Array,
-    Chain,
-    Motion,
-    check_shape,
-    staggered,
-    uprightness,
-)
+from soliton_linkage.linkage.chain import Array, Chain, Motion, check_shape, staggered
 from soliton_linkage.linkage.quantities import LARGEST_ANGLE
 from soliton_linkage.orbit.orbit import Orbit
 
@@ -41,18 +34,6 @@ wrapped = compile_loop(_wrapped, (f8,), inlined=True)
 def rotor_swing(chain: Chain) -> float:
     """Return the swing of a rotor: the change of its angle while a wall passes [rad]."""
     return math.pi if chain.motion is Motion.SPINNER else 2 * chain.rest_angle
-
-
-def is_turned(chain: Chain, angles: Array) -> bool:
-    """Return whether a flipper is upside down, or whether a spinner leans left before its kink.
-
-    Then the sum of cos(theta_n) over the inner rotors of the flipper, or the sum of sin(theta_n +
-    theta_{n+1}) over the bonds of the spinner, is negative. The angles [rad] have shape (N,).
-    """
-    if chain.motion is not Motion.SPINNER:
-        return uprightness(angles) < 0
-    steps = np.sin(np.diff(angles))
-    return bool(steps[::2].sum() < steps[1::2].sum())
 
 
 @compiled(const_f8_1d, f8_1d, f8_1d, f8_1d)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import minimum_filter1d
 
-from soliton_linkage.estimation.frames import is_turned, rotor_swing
+from soliton_linkage.estimation.frames import rotor_swing
 from soliton_linkage.estimation.measurement import (
     LEAST_INFORMATION,
     FrameLikelihood,
@@ -20,6 +20,7 @@ from soliton_linkage.estimation.measurement import (
 from soliton_linkage.estimation.noise import ResidualVariance
 from soliton_linkage.estimation.relocalisation import SCAN_DEVIATION
 from soliton_linkage.estimation.settings import EstimationSettings
+from soliton_linkage.estimation.state_report import polarised_bonds
 from soliton_linkage.estimation.wall_shapes import (
     WallShape,
     WallShapes,
@@ -31,7 +32,6 @@ from soliton_linkage.estimation.wall_shapes import (
 )
 from soliton_linkage.estimation.wall_track import LatticeCoordinates, WallMeasurement
 from soliton_linkage.linkage.chain import Array, Motion, staggered
-from soliton_linkage.solitons.tanh_fit import polarisation
 
 _TAILS = 1.5
 """Other walls within this multiple of `WallTable.reach` are subtracted before a wall is fitted
@@ -84,7 +84,7 @@ class ShapeMeasurementModel:
 
         `angles` [rad], shape (N,), are finite; `seen` are the same angles, but NaN if unseen.
         """
-        polarised = polarisation(self._chain, angles)
+        polarised, turned = polarised_bonds(self._chain, angles)
         find = ring_borders if self._line.periodic else domain_borders
         borders = find(polarised, self._domain)
         if not borders:
@@ -93,7 +93,7 @@ class ShapeMeasurementModel:
         reported = len(borders)
         if not self._line.periodic:
             borders += edge_borders(polarised, borders)
-        theta = staggered(math.pi - seen if is_turned(self._chain, angles) else seen)
+        theta = staggered(math.pi - seen if turned else seen)
         walls = [
             _ShapeFit(self._of_charge[charge][0], charge, site, 1.0, 0.0)
             for site, charge in borders

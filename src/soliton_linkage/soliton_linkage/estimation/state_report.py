@@ -14,6 +14,7 @@ from soliton_linkage.estimation.frames import Flags
 from soliton_linkage.linear.bands import couplings, penetration_depth, winding_number
 from soliton_linkage.linear.rigidity import rigidity_bands
 from soliton_linkage.linkage.chain import Array, Chain, Motion, check_shape
+from soliton_linkage.linkage.springs import TINY
 from soliton_linkage.solitons.tanh_fit import DOMAIN
 
 
@@ -130,6 +131,28 @@ def energy_reach(chain: Chain) -> float:
     return 8 * depth + 3
 
 
+def polarised_bonds(chain: Chain, angles: Array) -> tuple[Array, bool]:
+    """Return the polarisation of each bond, shape (springs,), and whether the chain is turned.
+
+    The polarisation is 1 or -1 in the uniform states. A flipper is turned if it is upside down,
+    and a spinner if it leans left before its kink. The angles [rad] have shape (N,).
+    """
+    springs = np.empty((3, chain.number_of_springs))
+    twists, upright = state_loops.of_angles(
+        angles, chain.spring_parameters, chain.periodic, springs
+    )
+    first, second = springs[1] ** 2, springs[2] ** 2
+    strength = np.maximum(first + second, TINY) * uniform_polarisation(chain)
+    turned = (twists if chain.motion is Motion.SPINNER else upright) < 0
+    return np.asarray((first - second) / strength), turned
+
+
+def uniform_polarisation(chain: Chain) -> float:
+    """Return (A^2 - B^2) / (A^2 + B^2) for the levers A and B of the right-leaning state [1]."""
+    plus, minus = couplings(chain)
+    return (plus**2 - minus**2) / (plus**2 + minus**2)
+
+
 class StateReporter:
     """Reporter of the states of one chain."""
 
@@ -140,8 +163,7 @@ class StateReporter:
         self._rotors = np.tile(0.5 * chain.moments_of_inertia, (3, 1))
         self._rotors[2] = 0.0
         self._scope = np.zeros(1, state_loops.SCOPE)
-        plus, minus = couplings(chain)
-        self._uniform = (plus**2 - minus**2) / (plus**2 + minus**2)
+        self._uniform = uniform_polarisation(chain)
         self._windings = {lean > 0: winding_number(chain, lean) for lean in (1, -1)}
         self._last_sign = 1 if chain.number_of_rotors % 2 else -1
 

@@ -11,10 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soliton_linkage.estimation.estimates import EventKind, OrbitEstimate, TrackingStatus
-from soliton_linkage.estimation.frames import is_turned
 from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
 from soliton_linkage.estimation.settings import EstimationSettings, WallSettings
-from soliton_linkage.estimation.state_report import FrameErrors, StateReporter, energy_reach
+from soliton_linkage.estimation.state_report import (
+    FrameErrors,
+    StateReporter,
+    energy_reach,
+    polarised_bonds,
+)
 from soliton_linkage.linear.bands import gap
 from soliton_linkage.linkage.chain import Array, Chain, Motion, wrapped
 from soliton_linkage.solitons.tanh_fit import order_field
@@ -108,10 +112,10 @@ class WallFrame:
         chain, line, angles = self._chain, self._line, self._angles
         if angles is None or chain.motion is not Motion.SPINNER:
             return 0
-        family = -1 if is_turned(chain, angles) else 1
+        _, turned = polarised_bonds(chain, angles)
         middle = left + line.separation(line.midpoint(left, right), left)
         rotors = line.rotors_between(left - max(line.near, 2.0), middle) % line.rotors
-        steps = np.diff((angles - chain.uniform_state(family))[rotors])
+        steps = np.diff((angles - chain.uniform_state(-1 if turned else 1))[rotors])
         return int(np.sign(np.sum(wrapped(steps))))
 
 
