@@ -6,7 +6,7 @@ import pytest
 from matplotlib import colormaps
 
 from soliton_linkage.linkage.chain import Chain
-from soliton_linkage_nodes.visualisation.publishers import Kymograph
+from soliton_linkage_nodes.visualisation.kymograph import Kymograph
 from soliton_linkage_studies.palette import LEANS_LEFT, LEANS_RIGHT
 
 RATE = 30

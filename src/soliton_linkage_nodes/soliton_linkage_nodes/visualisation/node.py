@@ -3,14 +3,19 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from std_msgs.msg import String
+from rclpy.publisher import Publisher
+from std_msgs.msg import Header, String
+from visualization_msgs.msg import Marker, MarkerArray
 
+from soliton_linkage.colours import GREY, RED, shares
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage.linkage.urdf import JointLimits, robot_description
+from soliton_linkage_nodes.messages import marker_conversions as conversions
 from soliton_linkage_nodes.messages.chain_source import CHAIN_SOURCE_PARAMETERS, ChainSource
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime import interfaces
@@ -19,12 +24,9 @@ from soliton_linkage_nodes.runtime.guarded import GuardedNode
 from soliton_linkage_nodes.runtime.parameters import declare, reject_unknown
 from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.runtime.subscriptions import create_inbox
+from soliton_linkage_nodes.visualisation.kymograph import Kymograph
 from soliton_linkage_nodes.visualisation.observed_chain import ObservedChain
-from soliton_linkage_nodes.visualisation.publishers import (
-    KymographPublisher,
-    MarkerPublisher,
-    PosePublisher,
-)
+from soliton_linkage_nodes.visualisation.scene import ChainScene
 
 _MOST_BUSY = 0.5
 """Pauses limit the drawing to this fraction of the time [1]."""
@@ -44,6 +46,133 @@ class VisualisationParameters:
     kick_shown: float = quantity(
         3.0, 'time for which the last kick is shown, 0: until the next kick', 's', 0.0, 86_400.0
     )
+
+
+_WALLS = 'solitons'
+_OPACITY = 0.4
+"""Opacity of the box around a soliton [1], at which the rotors remain visible."""
+
+
+class DrawingPublisher:
+    """Base class for publishers of a drawing of the chain."""
+
+    name: str
+
+    def __init__(self, publisher: Publisher) -> None:
+        self.publisher = publisher
+        self.published = 0
+        self._subscribers = 0
+        self._drawn = -1
+
+    def set_chain(self, named: NamedChain) -> None:
+        """Set the chain that is drawn, and discard the drawing of the previous chain."""
+
+    def _wanted(self, number: int) -> bool:
+        """Return whether there are subscribers that have not received drawing number `number`."""
+        subscribers = self.publisher.get_subscription_count()
+        more, self._subscribers = subscribers > self._subscribers, subscribers
+        if not subscribers or (number == self._drawn and not more):
+            return False
+        self._drawn = number
+        return True
+
+    def _publish(self, message: object) -> None:
+        self.publisher.publish(message)
+        self.published += 1
+
+
+class MarkerPublisher(DrawingPublisher):
+    """Publisher of markers that show the chain in space."""
+
+    name = 'markers'
+
+    def __init__(self, publisher: Publisher, kick_shown: float) -> None:
+        """Publish with `publisher`; a kick is shown for `kick_shown` [s] after its end."""
+        super().__init__(publisher)
+        self._kick_shown = kick_shown
+        self._scene: ChainScene | None = None
+        self._walls = 0
+        self._clear = False
+
+    def set_chain(self, named: NamedChain) -> None:
+        """Set the chain that is drawn, and delete the markers of the previous chain."""
+        self._clear = self._scene is not None
+        self._scene = ChainScene(named.chain)
+        self._walls = 0
+
+    def draw(self, chain: ObservedChain) -> None:
+        """Publish markers that show the newest messages, if a subscriber needs them."""
+        scene = self._scene
+        if scene is None or not len(chain.angles) or not self._wanted(chain.frames):
+            return
+        header = Header(stamp=chain.stamp, frame_id=chain.frame)
+        shapes = scene.shapes(chain.angles)
+        impulses = chain.kick(self._kick_shown)
+        if impulses is None:
+            impulses = 0 * chain.angles
+        shapes.append(scene.kick(chain.angles, impulses))
+        markers = [conversions.lines_to_msg(header, *shape) for shape in shapes]
+        markers += self._solitons(header, scene, chain)
+        size, colour = scene.lettering, (*shares(GREY), 1.0)
+        markers.append(
+            conversions.text_to_msg(header, 'figures', scene.above, size, colour, chain.describe())
+        )
+        if self._clear:
+            markers.insert(0, Marker(header=header, action=Marker.DELETEALL))
+            self._clear = False
+        self._publish(MarkerArray(markers=markers))
+
+    def _solitons(self, header: Header, scene: ChainScene, chain: ObservedChain) -> list[Marker]:
+        boxes = scene.boxes([(wall.position, wall.position_deviation) for wall in chain.walls])
+        colour, markers = (*shares(RED), _OPACITY), []
+        for number, box in enumerate(boxes):
+            centre, size = (box.position, 0.0, 0.0), (box.length, scene.width, box.height)
+            markers.append(conversions.box_to_msg(header, _WALLS, number, centre, size, colour))
+        gone, self._walls = range(len(boxes), self._walls), len(boxes)
+        action = Marker.DELETE
+        return markers + [Marker(header=header, ns=_WALLS, id=n, action=action) for n in gone]
+
+
+class PosePublisher(DrawingPublisher):
+    """Publisher of the position of the first soliton."""
+
+    name = 'soliton_pose'
+
+    def draw(self, chain: ObservedChain) -> None:
+        """Publish the first soliton's pose if its position is known and a subscriber needs it."""
+        if not chain.walls or not self._wanted(chain.states):
+            return
+        position, deviation, _ = chain.walls[0]
+        if math.isfinite(position) and math.isfinite(deviation):
+            header = Header(stamp=chain.state_stamp, frame_id=chain.frame)
+            self._publish(conversions.pose_to_msg(header, position, deviation))
+
+
+class KymographPublisher(DrawingPublisher):
+    """Publisher of a picture that shows the displacements of the last seconds."""
+
+    name = 'kymograph'
+
+    def __init__(self, publisher: Publisher, length: float, rate: float) -> None:
+        """Publish pictures of the last `length` [s], at most `rate` of them per second [Hz]."""
+        super().__init__(publisher)
+        self._length, self._period = length, 1 / rate
+        self._kymograph: Kymograph | None = None
+        self._next = 0.0
+
+    def set_chain(self, named: NamedChain) -> None:
+        """Set the chain that is drawn, and start with an empty picture."""
+        self._kymograph = Kymograph(named.chain, self._length)
+
+    def draw(self, chain: ObservedChain) -> None:
+        """Add the newest frame to the picture, and publish the picture when it is due."""
+        if self._kymograph is None or not len(chain.angles):
+            return
+        self._kymograph.add(chain.seconds, chain.angles, [wall.rotor for wall in chain.walls])
+        if time.monotonic() >= self._next and self._wanted(chain.frames):
+            self._next = time.monotonic() + self._period
+            header = Header(stamp=chain.stamp, frame_id=chain.frame)
+            self._publish(conversions.picture_to_msg(header, self._kymograph.picture()))
 
 
 class Visualisation(GuardedNode):
