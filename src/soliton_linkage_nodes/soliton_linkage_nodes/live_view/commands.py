@@ -20,8 +20,7 @@ from std_srvs.srv import SetBool, Trigger
 from soliton_linkage_msgs.action import MoveSoliton
 from soliton_linkage_msgs.srv import Reset, Step
 from soliton_linkage_nodes.live_view.chain_topics import ChainFinder, ChainTopics
-from soliton_linkage_nodes.live_view.moves import UNDER_WAY, Move, await_end
-from soliton_linkage_nodes.live_view.pulling import Pull
+from soliton_linkage_nodes.live_view.moves import UNDER_WAY, Move, Pull, await_end
 from soliton_linkage_nodes.messages import view_conversions as views
 from soliton_linkage_nodes.messages.view_conversions import AdjustableParameter, NodeReport
 from soliton_linkage_nodes.runtime import interfaces

@@ -15,7 +15,7 @@ from soliton_linkage_nodes.bags.guards import load_json
 from soliton_linkage_nodes.live_view.chain_model import MOST_ANGLES
 from soliton_linkage_nodes.live_view.chain_topics import ChainTopics
 from soliton_linkage_nodes.live_view.frame_layout import LAYOUT, Column, pack_history
-from soliton_linkage_nodes.live_view.pulling import Pull
+from soliton_linkage_nodes.live_view.moves import Pull
 from soliton_linkage_nodes.live_view.view import ALL, View
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from soliton_linkage.linkage.chain import Chain
-from soliton_linkage_nodes.live_view.pulling import Pull
+from soliton_linkage_nodes.live_view.moves import Pull
 
 CHAIN = Chain(number_of_rotors=4)
 ROTOR, LIMIT = 2, 1e-3
