@@ -31,8 +31,8 @@ from soliton_linkage_nodes.bags.player import BagPlayerParameters
 from soliton_linkage_nodes.bags.recorder import BagRecorder, BagRecorderParameters
 from soliton_linkage_nodes.camera_encoders.node import CameraEncodersParameters
 from soliton_linkage_nodes.chain_identifier.node import ChainIdentifierParameters
+from soliton_linkage_nodes.edge_actuator.commands import EdgeActuatorParameters
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
-from soliton_linkage_nodes.edge_actuator.parameters import EdgeActuatorParameters
 from soliton_linkage_nodes.foxglove_server.node import FoxgloveServerParameters
 from soliton_linkage_nodes.live_view.node import LiveViewParameters
 from soliton_linkage_nodes.messages.camera_measurement import CameraParameters
@@ -47,8 +47,7 @@ from soliton_linkage_nodes.runtime.managed import ManagedParameters
 from soliton_linkage_nodes.runtime.parameters import current, declare, reject_unknown
 from soliton_linkage_nodes.serial_encoders.node import SerialEncodersParameters
 from soliton_linkage_nodes.serial_encoders.valves import ValveParameters
-from soliton_linkage_nodes.simulator.node import Simulator
-from soliton_linkage_nodes.simulator.parameters import SimulatorParameters
+from soliton_linkage_nodes.simulator.node import Simulator, SimulatorParameters
 from soliton_linkage_nodes.soliton_analyser.node import AnalyserParameters
 from soliton_linkage_nodes.soliton_steering.node import SolitonSteeringParameters
 from soliton_linkage_nodes.visualisation.node import VisualisationParameters

@@ -17,8 +17,8 @@ from soliton_linkage.actuation.edge_command import CommandKind, EdgeCommand, Edg
 from soliton_linkage.actuation.waveform import DrivenQuantity, Waveform
 from soliton_linkage.dynamics.work import work_of_impulse
 from soliton_linkage.linear.rigidity import Edge, resolved_edge_mode
+from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage_msgs import msg
-from soliton_linkage_nodes.edge_actuator.parameters import EdgeActuatorParameters
 from soliton_linkage_nodes.edge_actuator.topics import ActuatorPublishers, LatestFrames
 from soliton_linkage_nodes.messages import command_conversions as conversions
 from soliton_linkage_nodes.messages.conversions import NamedChain
@@ -27,6 +27,51 @@ from soliton_linkage_nodes.runtime.stamps import time_from_msg
 _MOST_KICKS_WAITING = 50
 """Largest number of kicks that have not yet been executed by the simulator [1]. It is half the
 queue depth of `rotor_impulses`, so that no accepted kick is lost."""
+
+
+@dataclass(frozen=True)
+class EdgeActuatorParameters:
+    """Parameters of the node, without the parameters of the chain and of the actuators."""
+
+    actuator: str = quantity('pneumatic', 'kind of the actuators at the edges')
+    nudge_edge: str = quantity(
+        'nearest',
+        'edge of nudges; nearest is the edge nearer to the zero mode',
+        choices=tuple(edge.value for edge in Edge),
+        adjustable=True,
+    )
+    nudge_as: str = quantity(
+        'kick',
+        'effect of a nudge: an instantaneous kick, or a pressure with the same impulse',
+        choices=(CommandKind.KICK.value, CommandKind.PRESSURE.value),
+        adjustable=True,
+    )
+    nudge_duration: float = quantity(
+        0.1, 'duration of the pressure of a nudge', 's', 1e-3, 60.0, adjustable=True
+    )
+    state_timeout: float = quantity(
+        0.2, 'age of joint_states above which commands are rejected', 's', 1e-3, 60.0
+    )
+    command_timeout: float = quantity(
+        0.5,
+        'time for which torques of joints are held without a new command, and largest age of a '
+        'command; 0 for no limit',
+        's',
+        0.0,
+        86_400.0,
+    )
+    longest_command: float = quantity(
+        600.0, 'largest duration of a command, and future time of its stamp', 's', 1e-3, 86_400.0
+    )
+    speed_limit: float = quantity(100.0, 'largest speed of a kick', 'rad/s', 0.0, 1e6)
+    torque_limit: float = quantity(
+        0.1,
+        'largest torque of a pulse along the unit zero mode, and of a joint without its own limit',
+        'N m',
+        0.0,
+        1e6,
+    )
+    joints: tuple[str, ...] = quantity((), 'joints with an actuator; empty for all joints')
 
 
 @dataclass(frozen=True)

@@ -6,31 +6,36 @@ from __future__ import annotations
 import contextlib
 import math
 import time
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, make_dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
+from rclpy.node import Node
 
-from soliton_linkage.actuation.actuators import actuator_type
+from soliton_linkage.actuation.actuators import ACTUATORS, actuator_type
 from soliton_linkage.actuation.chain_driver import ChainDriver
 from soliton_linkage.linear.rigidity import Edge, resolved_edge_mode
+from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage_msgs.msg import Delivery
-from soliton_linkage_nodes.edge_actuator.commands import ActuatedChain, Commands
-from soliton_linkage_nodes.edge_actuator.parameters import (
-    PARAMETERS,
+from soliton_linkage_nodes.edge_actuator.commands import (
+    ActuatedChain,
+    Commands,
     EdgeActuatorParameters,
-    declare_torque_limits,
 )
 from soliton_linkage_nodes.edge_actuator.topics import ActuatorPublishers, LatestFrames
-from soliton_linkage_nodes.messages.chain_source import ChainSource, declare_chain_source
+from soliton_linkage_nodes.messages.chain_source import (
+    CHAIN_SOURCE_PARAMETERS,
+    ChainSource,
+    declare_chain_source,
+)
 from soliton_linkage_nodes.messages.command_conversions import delivery_from_msg, joint_actuators
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.messages.frames import EncoderMonitor, SerializedFrames
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
-from soliton_linkage_nodes.runtime.managed import ManagedNode
+from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
 from soliton_linkage_nodes.runtime.parameters import declare
 from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.runtime.subscriptions import CountedSubscription, StreamSubscription
@@ -54,7 +59,12 @@ class EdgeActuator(ManagedNode):
     parameter `actuator` selects the type of actuator.
     """
 
-    PARAMETERS = PARAMETERS
+    PARAMETERS: ClassVar[dict[type, str]] = {
+        EdgeActuatorParameters: '',
+        ManagedParameters: '',
+        **dict.fromkeys(ACTUATORS.values(), ''),
+        **CHAIN_SOURCE_PARAMETERS,
+    }
 
     def declare_parameters_of_node(self) -> None:
         """Declare the parameters of the node, of the torque limits and of the actuator type."""
@@ -220,6 +230,26 @@ class EdgeActuator(ManagedNode):
             'subscribers': subscribers,
         }
         return Report(message, values, warning=message not in ('ready', 'driving'))
+
+
+def declare_torque_limits(node: Node, settings: EdgeActuatorParameters) -> Mapping[str, float]:
+    """Declare a parameter `torque_limits.<joint>` for each of `joints`; return the limits [N m].
+
+    Raises ValueError if a name is invalid or occurs twice.
+    """
+    own = settings.torque_limit
+    fields = [
+        (name, float, quantity(own, f'largest torque of {name}', 'N m', 0.0, 1e6))
+        for name in settings.joints
+    ]
+    try:
+        limits = make_dataclass('TorqueLimits', fields, frozen=True)
+    except (TypeError, ValueError) as error:
+        raise ValueError(
+            f'parameter joints of {node.get_name()} = {list(settings.joints)} must be names of '
+            f'joints, each once: {error}'
+        ) from error
+    return asdict(declare(node, limits, 'torque_limits.'))
 
 
 def main() -> None:

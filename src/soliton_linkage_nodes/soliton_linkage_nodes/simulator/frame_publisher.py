@@ -20,7 +20,6 @@ from soliton_linkage_nodes.messages.conversions import NamedChain, chain_to_msg
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.pacing import yield_core
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
-from soliton_linkage_nodes.simulator.parameters import SimulatorParameters
 
 
 class SensedJoints:
@@ -120,8 +119,9 @@ class FramePublisher:
     """Publisher of `joint_states`, `chain`, `delivery`, `delivered_impulses` and `/clock`."""
 
     def __init__(
-        self, node: Node, named: NamedChain, joints: SensedJoints, settings: SimulatorParameters
+        self, node: Node, named: NamedChain, joints: SensedJoints, rate: float, clock: bool
     ) -> None:
+        """Publish frames at `rate` in simulated time [Hz], and `/clock` if `clock`."""
         self.epoch: int | None = None
         """Stamp of the first frame [ns], None before this frame is published."""
         self.stamp = 0
@@ -129,10 +129,10 @@ class FramePublisher:
         self._node = node
         self._named = named
         self._joints = joints
-        self._rate = settings.publish_rate
+        self._rate = rate
         deep = interfaces.stream_qos(len(joints))
         self._joint_states = replace(interfaces.JOINT_STATES, qos=deep).publisher(node)
-        self._clock = interfaces.CLOCK.publisher(node) if settings.publish_clock else None
+        self._clock = interfaces.CLOCK.publisher(node) if clock else None
         self._chain = interfaces.CHAIN.publisher(node)
         self._impulses = interfaces.DELIVERED_IMPULSES.publisher(node)
         self._impulse_buffer = ImpulseBuffer(named)

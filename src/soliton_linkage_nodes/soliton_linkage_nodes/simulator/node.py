@@ -5,24 +5,28 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
 
 import numpy as np
 from rclpy.parameter import Parameter
 from std_msgs.msg import Float64
 
-from soliton_linkage.dynamics.world import World, joint_numbers
+from soliton_linkage.dynamics.world import World, WorldParameters, joint_numbers
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.linkage.encoders import EncoderErrors
 from soliton_linkage.linkage.gravity import Gravity
-from soliton_linkage.linkage.quantities import described_fields
+from soliton_linkage.linkage.quantities import described_fields, quantity
 from soliton_linkage.solitons.passage import Obstacle, find_obstacles
 from soliton_linkage_nodes.messages.cdr import ImpulseDecoder, TorqueDecoder, read_stamp
-from soliton_linkage_nodes.messages.chain_source import declare_chain, describe_chain
+from soliton_linkage_nodes.messages.chain_source import (
+    CHAIN_PARAMETERS,
+    declare_chain,
+    describe_chain,
+)
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Increments, Report
-from soliton_linkage_nodes.runtime.managed import ManagedNode
+from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
 from soliton_linkage_nodes.runtime.pacing import PacedLoop
 from soliton_linkage_nodes.runtime.parameters import make_adjustable
 from soliton_linkage_nodes.runtime.process import run
@@ -30,7 +34,6 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 from soliton_linkage_nodes.runtime.subscriptions import CountedSubscription
 from soliton_linkage_nodes.simulator.control import SimulationControl, SimulationStatus
 from soliton_linkage_nodes.simulator.frame_publisher import FramePublisher, SensedJoints
-from soliton_linkage_nodes.simulator.parameters import PARAMETERS, SimulatorParameters
 from soliton_linkage_nodes.simulator.services import SimulationServices, serve_standard
 
 _SLOWEST = 1e-6
@@ -38,6 +41,47 @@ _SLOWEST = 1e-6
 _NON_RECIPROCITY = 'chain.non_reciprocity'
 _POLL_INTERVAL = 0.02
 """Poll interval while waiting for subscribers [s]."""
+
+
+@dataclass(frozen=True)
+class SimulatorParameters(WorldParameters):
+    """Parameters of the simulator itself, without the chain, the gravity and the sensors."""
+
+    publish_rate: float = quantity(
+        500.0, 'rate of joint_states in simulated time', 'Hz', 1.0, 10_000.0
+    )
+    real_time_factor: float = quantity(
+        1.0, 'simulated time per real time, 0 for no limit', '', 0.0, 1000.0, adjustable=True
+    )
+    missing_joints: tuple[str, ...] = quantity(
+        (), 'joints left out of joint_states, by name or number; empty for none'
+    )
+    command_timeout: float = quantity(
+        0.5, 'time without a new message after which torques end, 0 for never', 's', 0.0, 86_400.0
+    )
+    stamp_tolerance: float = quantity(
+        10.0,
+        'impulses and torques are rejected if their stamp differs by more than this both from the '
+        'clock and from the stamp of the last frame, 0 for no limit. Sensitivity: at 0.5x, '
+        'messages may be half as old',
+        's',
+        0.0,
+        86_400.0,
+    )
+    impulse_limit: float = quantity(0.1, 'largest angular impulse accepted', 'N m s', 0.0, 1e6)
+    torque_limit: float = quantity(10.0, 'largest torque accepted', 'N m', 0.0, 1e6)
+    energy_drift_limit: float = quantity(
+        1e-3,
+        'relative energy drift of the solver above which the node warns. Sensitivity: at 0.5x it '
+        'warns earlier; at 2x later',
+        '',
+        0.0,
+        1.0,
+    )
+    publish_clock: bool = quantity(False, 'whether to publish the simulated time on /clock')
+    subscribers: int = quantity(
+        0, 'number of subscribers of joint_states to wait for before the first frame', '', 0, 1000
+    )
 
 
 class Simulator(ManagedNode):
@@ -53,7 +97,13 @@ class Simulator(ManagedNode):
     changed parameter takes effect at the next frame.
     """
 
-    PARAMETERS = PARAMETERS
+    PARAMETERS: ClassVar[dict[type, str]] = {
+        SimulatorParameters: '',
+        ManagedParameters: '',
+        Gravity: 'gravity.',
+        EncoderErrors: 'sensors.',
+        **CHAIN_PARAMETERS,
+    }
 
     def configure(self) -> None:
         """Create the chain, the simulation, the topics and the services."""
@@ -69,7 +119,9 @@ class Simulator(ManagedNode):
         missing = joint_numbers('missing_joints', settings.missing_joints, names)
         self._joints = SensedJoints(self.named, period, errors, missing)
         world = World(chain, names, settings, period)
-        self.frames = FramePublisher(self, self.named, self._joints, settings)
+        self.frames = FramePublisher(
+            self, self.named, self._joints, settings.publish_rate, settings.publish_clock
+        )
         calls, timeout = (self.frames.publish, self.frames.announce), settings.command_timeout
         state = world.initial_state()
         self.control = SimulationControl(world.begin, state, gravity, timeout, *calls)
