@@ -47,12 +47,12 @@ def kicked(seed: int, size: float) -> tuple[Chain, Readings]:
     return chain, Readings(PERIOD * np.arange(len(whole)), read(whole, seed)[0])
 
 
-@pytest.mark.parametrize(('seed', 'size'), [(0, -0.1), (1, 0.25)])
+@pytest.mark.parametrize(('seed', 'size'), [(2, -0.1), (3, 0.25), (7, 0.25)])
 def test_a_kick_is_named_and_errors_agree_with_the_stated_deviations(seed, size):
     chain, readings = kicked(seed, size)
     found = identify(readings, Chain())
     (warning,) = (each for each in found.warnings if 'kick that was not recorded' in each)
-    assert float(warning.split(' near ')[1].split()[0]) == pytest.approx(BEFORE, abs=NEAR)
+    assert float(warning.split(' near ')[1].split(' s;')[0]) == pytest.approx(BEFORE, abs=NEAR)
     assert warning.endswith('check that no rotor is missing before rotor 0 or after rotor 11')
     for name, values, unit in PARTS:
         shown, true = (getattr(each, values) for each in (found.chain, chain))
@@ -61,7 +61,7 @@ def test_a_kick_is_named_and_errors_agree_with_the_stated_deviations(seed, size)
         assert np.sqrt(np.mean(errors**2)) < 2.0, name
 
 
-@pytest.mark.parametrize('seed', [0, 2])
+@pytest.mark.parametrize('seed', [0, 1, 2])
 def test_no_kick_is_named_in_a_free_motion(seed):
     found = identify(kicked(seed, 0.0)[1], Chain())
     assert not found.rigid
@@ -71,7 +71,7 @@ def test_no_kick_is_named_in_a_free_motion(seed):
 def test_exact_readings_of_several_passages_give_true_deviations_and_no_kick():
     chain = replace(FLIPPER, number_of_rotors=12)
     start = leaning(chain, -1).angles
-    motion = simulate(chain, start, 10.0 * edge_mode(chain, start, Edge.FIRST), 5.0, 0.004)
+    motion = simulate(chain, start, 10.0 * edge_mode(chain, start, Edge.FIRST), 8.0, 0.004)
     found = identify(Readings(motion.times, motion.angles), Chain())
     assert not found.warnings
     true, shown = (each.rotor_lengths / each.spacings.mean() for each in (chain, found.chain))

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -58,19 +58,28 @@ def fit_around_kicks(
     kicks: list[float] = []
     fitted = fit(some)
     while len(kicks) < _MOST_KICKS:
-        time = _possible_kick(some, fitted, noise)
+        time = _possible_kick(_without(some, kicks), fitted, noise)
         if time is None:
             break
-        around = [RecordedImpulse(time - _BEFORE_KICK), RecordedImpulse(time)]
-        without = replace(some, impulses=[*some.impulses, *around])
-        better = fit(without)
+        better = fit(_without(some, [*kicks, time]))
         if isinstance(better, str):
             break
         if isinstance(fitted, str) and bar_noise < _SUSPICIOUS * better[1].noise:
             break
-        some, fitted = without, better
-        kicks.append(time)
+        if kicks:
+            # The earlier kicks may only have imitated this one.
+            part = _without(some, [time])
+            alone = fit(part)
+            if not isinstance(alone, str) and _possible_kick(part, alone, noise) is None:
+                return alone, [time]
+        fitted, kicks = better, [*kicks, time]
     return fitted, kicks
+
+
+def _without(some: Readings, kicks: Sequence[float]) -> Readings:
+    """Return readings that are interrupted before and after each kick."""
+    around = [RecordedImpulse(time - before) for time in kicks for before in (_BEFORE_KICK, 0.0)]
+    return replace(some, impulses=[*some.impulses, *around])
 
 
 def _possible_kick(some: Readings, fitted: _Fitted, noise: float) -> float | None:
