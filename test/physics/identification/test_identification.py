@@ -105,7 +105,6 @@ FORMULAS: dict[str, Callable[[Array], Array]] = {
     [
         (0, np.negative),
         (5, lambda angles: math.pi - angles),
-        (9, np.negative),
         (9, lambda angles: angles + math.pi),
     ],
 )

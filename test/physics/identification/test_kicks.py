@@ -54,6 +54,7 @@ def test_a_kick_is_named_and_errors_agree_with_the_stated_deviations(seed, size)
     (warning,) = (each for each in found.warnings if 'kick that was not recorded' in each)
     assert float(warning.split(' near ')[1].split(' s;')[0]) == pytest.approx(BEFORE, abs=NEAR)
     assert warning.endswith('check that no rotor is missing before rotor 0 or after rotor 11')
+    assert found.noise == pytest.approx(0.01, rel=0.04)
     for name, values, unit in PARTS:
         shown, true = (getattr(each, values) for each in (found.chain, chain))
         scale = getattr(chain, unit).mean() / getattr(found.chain, unit).mean()

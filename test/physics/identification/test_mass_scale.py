@@ -23,10 +23,8 @@ FIRST = 110
 CHAIN = unequal(replace(FLIPPER, number_of_rotors=8), 7)
 
 
-def kicked(
-    after: int = FIRST, parts: int = 1, every: int = 1, hit: int = 0
-) -> tuple[Array, Array, Array]:
-    """Times, angles, and impulses, which act in parts every few frames; `hit` adds one."""
+def kicked(after: int = FIRST, parts: int = 1, every: int = 1) -> tuple[Array, Array, Array]:
+    """Times, angles, and impulses, which act in parts every few frames."""
     start = leaning(CHAIN, -1).angles
     impulses = 10.0 * edge_mode(CHAIN, start, Edge.FIRST) * CHAIN.moments_of_inertia
     simulation = ElasticSimulation(CHAIN, start, period=PERIOD, tolerance=1e-8)
@@ -35,8 +33,6 @@ def kicked(
     for frame in range(332 + parts * every):
         if frame in arrivals:
             simulation.kick(impulses / parts)
-        if hit and frame == hit:
-            simulation.kick(np.where(np.arange(8) == 4, 3.0, 0.0) * CHAIN.moments_of_inertia)
         frames.append(simulation.angles.copy())
         simulation.advance()
     return PERIOD * np.arange(len(frames)), np.array(frames), impulses
@@ -66,16 +62,6 @@ def errors_over_deviations(found: Identification) -> float:
     over = [np.log(shown / true) / found.deviations['stiffness']]
     over.append(errors / found.deviations['rotor_length'])
     return float(np.sqrt(np.mean(np.concatenate(over) ** 2)))
-
-
-def test_a_kick_that_was_not_recorded_is_found_and_has_no_effect():
-    times, angles, _ = kicked(0, hit=140)
-    found = identify(Readings(times, read(angles, 2)[0]), Chain())
-    assert 'a kick that was not recorded acts near' in found.warnings[0]
-    named = re.findall(r'(\d\S*) s', found.warnings[0])
-    assert min(abs(float(time) - 140 * PERIOD) for time in named) < 0.06
-    assert found.noise == pytest.approx(0.01, rel=0.04)
-    assert errors_over_deviations(found) < 1.8
 
 
 def test_errors_of_stamps_are_stated_and_included_in_the_deviations():
