@@ -12,11 +12,13 @@ from scipy.optimize import brentq
 from scipy.signal import savgol_filter
 
 from soliton_linkage.dynamics.elastic import simulate
+from soliton_linkage.estimation.estimates import TrackingStatus
+from soliton_linkage.estimation.orbit_filter import OrbitFilter
 from soliton_linkage.estimation.orbit_model import (
     ComplianceCorrection,
     UnseenRotorCorrection,
 )
-from soliton_linkage.linear.bands import gap
+from soliton_linkage.linear.bands import gap, speed_of_sound
 from soliton_linkage.linear.rigidity import dynamical_matrix, rigidity_matrix
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.deviations import drawn_deviations
@@ -118,7 +120,8 @@ def seen_shift(
     nearest = float(tangent[seen] @ beside[seen] / (tangent[seen] @ tangent[seen]))
     residuals = beside - nearest * tangent
     residuals[hidden] = np.nan
-    return nearest, nearest + UnseenRotorCorrection(orbit).shift(arc, rate, residuals, 1.0, noise)
+    at_rest, by_rate = UnseenRotorCorrection(orbit).shift(arc, residuals, 1.0, noise)
+    return nearest, nearest + at_rest + by_rate * rate**2
 
 
 @pytest.mark.parametrize('example', CLASSES)
@@ -145,6 +148,33 @@ def test_inertial_forces_on_unseen_rotors_do_not_shift_the_arc(example):
     beside = -np.linalg.pinv(stiffness(orbit, arc), rcond=1e-9) @ turning
     without, informed = seen_shift(orbit, arc, beside, [5], RATE, 1e-12)
     assert abs(informed) < 0.02 * abs(without)
+
+
+@pytest.mark.parametrize('begin', [16.1, 20.1])
+def test_an_uncertain_rate_causes_no_drift_of_the_corrected_arc(begin):
+    orbit = orbit_of(Chain(33, rotor_length=0.17 / math.sin(1.1), rest_angle=1.1))
+    rate, noise, period = 0.15 * speed_of_sound(orbit.chain) / 0.1 * orbit.site_arc, 0.01, 0.004
+    start = orbit.arc_at(begin, 0)
+    errors = []
+    for seed in range(20):
+        random, follower = np.random.default_rng(seed), OrbitFilter(orbit, noise)
+        for frame in range(12):
+            arc = start + rate * frame * period
+            angles = np.full(33, np.nan)
+            seen = [10, round(begin) + 1, 32]
+            exact = orbit.configuration(arc) - rate**2 * bent(orbit, arc)[1]
+            angles[seen] = exact[seen] + noise * random.standard_normal(3)
+            estimate = follower.update(frame * period, angles)
+            if estimate.status is TrackingStatus.TRACKING and estimate.leg == 0:
+                errors.append(
+                    (
+                        (estimate.site - orbit.site(arc)) / estimate.site_deviation,
+                        (estimate.rate - rate) / estimate.rate_deviation,
+                    )
+                )
+    assert len(errors) > 100
+    assert np.sqrt(np.mean(np.square(errors), axis=0)).max() < 1.5
+    assert np.abs(errors).max() < 5
 
 
 def test_the_correction_vanishes_in_noise_and_for_distant_rotors():

@@ -30,6 +30,25 @@ class Hypothesis:
     view: LinearisedMeasurement
     evidence: float
     """Log likelihood of all frames, relative to the likeliest hypothesis [1]."""
+    rate_shift: float = 0.0
+    """Mean of `LinearisedMeasurement.rate_shift` over the recent frames [s^2/rad]."""
+    information: float = 0.0
+    """Sum of the inverse variances of these frames [1/rad^2]."""
+
+    def update_rate_shift(self, way: float, variance: float) -> None:
+        """Correct the arc length for the change of the rate by a frame.
+
+        `variance` is the variance of the arc length in this frame [rad^2], and `way` the distance
+        that the wall has moved since the last frame [rotor spacings]. Earlier frames were
+        corrected for the motion with a less accurate rate. Without this correction, the filter
+        would interpret the change of their corrections as motion.
+        """
+        self.information = math.exp(-way) * self.information + 1 / variance
+        gain = 1 / (self.information * variance)
+        self.rate_shift += gain * (self.view.rate_shift - self.rate_shift)
+        if self.rate_shift:
+            change = self.motion.rate**2 - self.motion.expected_rate**2
+            self.motion.shift_arc(self.rate_shift * change)
 
 
 class MixtureMoments(NamedTuple):

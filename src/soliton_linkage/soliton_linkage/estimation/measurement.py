@@ -76,6 +76,9 @@ class LinearisedMeasurement(NamedTuple):
     unseen_share: float = 1.0
     """Variance of `arc` due to unseen rotors after the correction for them, divided by its value
     before the correction [1]."""
+    rate_shift: float = 0.0
+    """Correction of `arc` for the motion of unseen rotors, divided by the squared rate of the arc
+    length [s^2/rad]."""
 
     @property
     def mean_square(self) -> float:

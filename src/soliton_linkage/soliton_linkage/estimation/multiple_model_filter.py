@@ -203,6 +203,11 @@ class MultipleModelFilter:
         self.expected_rate += change
         self._refresh()
 
+    def shift_arc(self, shift: float) -> None:
+        """Add `shift` [rad] to the arc length of all filters."""
+        self.filters['state'][:, ARC] += shift
+        self._refresh()
+
     def set_rate(self, rate: float, deviation: float) -> None:
         """Set the rate of all filters [rad/s] and its standard deviation [rad/s]."""
         self.filters['state'][:, RATE] = rate

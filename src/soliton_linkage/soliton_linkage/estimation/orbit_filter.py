@@ -371,12 +371,15 @@ class OrbitFilter:
         if view.information > LEAST_INFORMATION:
             late = motion.expected_rate**2 * self.jitter.variance
             variance = self._variance.of_arc(view) + late
-            calm = self._variance.calm(motion.expected_rate * self.orbit.chain.time_unit)
+            # An unknown rate is no evidence that waves disturb the wall.
+            possible = math.hypot(motion.expected_rate, motion.rate_deviation)
+            calm = self._variance.calm(possible * self.orbit.chain.time_unit)
             # Waves of amplitude x push a wall by forces of the order x^2.
             motion.set_wave_acceleration(
                 self._variance.field / self.orbit.chain.time_unit**2, self._phonon_period
             )
             motion.update(view.arc, variance, noise.degrees_of_freedom, calm)
+            hypothesis.update_rate_shift(self._variance.way, variance)
 
     def _report(self, time: float, status: TrackingStatus) -> None:
         orbit, noise = self.orbit, self._variance.noise
@@ -388,6 +391,7 @@ class OrbitFilter:
         field = _FIELD_SHARE**2 * noise.excess + max(self._variance.excluded, 0.0)
         by_springs = self._compliance.unpredicted_change(rate)
         added = field + by_disorder**2 + rate**2 * self.jitter.variance
+        added += leader.rate_shift**2 * rate_variance * (4 * rate**2 + 2 * rate_variance)
         added += (by_springs * orbit.site_arc / (2 * math.pi)) ** 2
         correlation = self._settings.filter.bias_way * orbit.site_arc
         rate_added = (rate_disorder**2 + by_springs**2 + field / correlation**2) * rate**2

@@ -84,10 +84,12 @@ class OrbitMeasurementModel:
         if math.isfinite(view.largest) or not view.known:
             return view
         field = variance - self.noise
-        shift = self._unseen.shift(arc, rate, view.residuals, field, self.noise)
-        if not shift:
+        by_residuals, rate_shift = self._unseen.shift(arc, view.residuals, field, self.noise)
+        if not by_residuals:
             return view
-        return view._replace(arc=view.arc + shift, unseen_share=self._unseen.remaining)
+        shifted = view.arc + by_residuals + rate_shift * rate**2
+        share = self._unseen.remaining
+        return view._replace(arc=shifted, unseen_share=share, rate_shift=rate_shift)
 
     def measure(
         self,
@@ -169,25 +171,27 @@ class UnseenRotorCorrection:
         before the correction [1]."""
 
     def shift(
-        self, arc: float, rate: float, residuals: Array, field: float, noise: float
-    ) -> float:
-        """Return the correction of the arc length [rad]; 0 if it would increase the variance.
+        self, arc: float, residuals: Array, field: float, noise: float
+    ) -> tuple[float, float]:
+        """Return two corrections of the arc length; 0 if they would increase the variance.
 
-        `field` is the variance of an angle due to waves and springs, and `noise` that due to noise
-        [rad^2]. `residuals` [rad] are NaN for unseen rotors.
+        The first one [rad] is due to the residuals. The second one, due to the motion, is divided
+        by the squared rate of the arc length [s^2/rad]. `field` is the variance of an angle due to
+        waves and springs, and `noise` that due to noise [rad^2]. `residuals` [rad] are NaN for
+        unseen rotors.
         """
         unseen = np.isnan(residuals)
         tangent = self._orbit.tangent(arc)
         hidden = float(tangent[unseen] @ tangent[unseen])
         shown = 1 - hidden
         if hidden * field <= _NEGLIGIBLE * noise or shown <= LEAST_INFORMATION:
-            return 0.0
+            return 0.0, 0.0
         held, pull = self._balanced(arc, unseen, tangent)
         amplified = shown * pull[~unseen] + hidden * tangent[~unseen]
         if hidden * field * shown**2 < float(amplified @ amplified) * noise:
-            return 0.0
-        turning = self._orbit.chain.moments_of_inertia * self._orbit.curvature(arc) * rate**2
-        return -float(held @ turning + pull[~unseen] @ residuals[~unseen])
+            return 0.0, 0.0
+        turning = self._orbit.chain.moments_of_inertia * self._orbit.curvature(arc)
+        return -float(pull[~unseen] @ residuals[~unseen]), -float(held @ turning)
 
     def _balanced(self, arc: float, unseen: Flags, tangent: Array) -> tuple[Array, Array]:
         """Return V and K V (stiffness matrix K): V is 0 if seen, K V is `tangent` if unseen."""
