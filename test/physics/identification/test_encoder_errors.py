@@ -45,7 +45,7 @@ def test_the_error_of_an_encoder_is_recognised_by_its_shape(nominal):
             lambda angles: 1.06 * angles,
             'rotor_5 has (a wrong gain|an encoder whose error depends)',
         ),
-        (with_play, 'rotor_5 has an encoder with a play'),
+        (with_play, 'rotor_5 has an encoder with a play of .* rad, or one that slips'),
         (
             lambda angles: angles + 0.15 * np.sin(3 * angles),
             'rotor_5 has an encoder whose error depends on the angle',

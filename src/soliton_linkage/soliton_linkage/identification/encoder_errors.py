@@ -3,10 +3,10 @@
 
 A fit assumes that a reading is y = o + phi. An encoder error g adds g s to the reading, with a
 shape s. For the gain, s is the angle phi. For play of the coupling, s is the lag of the encoder
-behind the rotor. Nonlinearity, for example of an encoder disc that is not centred on the axis, is
-described by sin(phi), cos(phi), sin(2 phi) and cos(2 phi), together with the gain. With the normal
-equations A dp + B g = b of the unknowns p, and B^T dp + D g = c of the errors, the errors have the
-estimate g with the information S:
+behind the rotor. A slip while the rotor turns has nearly the same shape. Nonlinearity, for example
+of an encoder disc that is not centred on the axis, is described by sin(phi), cos(phi), sin(2 phi)
+and cos(2 phi), together with the gain. With the normal equations A dp + B g = b of the unknowns p,
+and B^T dp + D g = c of the errors, the errors have the estimate g with the information S:
 
     S = D - B^T A^-1 B,    g = S^-1 (c - B^T A^-1 b).
 
@@ -139,8 +139,8 @@ def encoder_fault(joints: Sequence[str], scores: Array, information: Array) -> E
     if of_play[worst] == largest:
         play = 2 * plays[worst] / certain[rotors + worst]
         text = (
-            f'{whose} has an encoder with a play of about {play:.2g} rad {_certainty(largest)}: '
-            'fasten its coupling, and record again'
+            f'{whose} has an encoder with a play of about {play:.2g} rad, or one that slips '
+            f'{_certainty(largest)}: fasten its coupling, and record again'
         )
     elif of_gain[worst] == largest:
         text = _gain_error(whose, float(gains[worst] / certain[worst]), largest)
