@@ -16,8 +16,6 @@ from __future__ import annotations
 import random
 import time
 from contextlib import ExitStack
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import rclpy
@@ -45,13 +43,8 @@ SETTLING = 2.0
 SECOND = 1e-9
 
 
-@dataclass(frozen=True)
-class Arrival:
-    """Message with its times of publication and arrival [ns]."""
-
-    message: Any
-    sent: int
-    received: int
+Arrival = tuple[bytes, dict[str, int]]
+"""Message with its times of publication and arrival [ns]."""
 
 
 class Inbox:
@@ -63,9 +56,7 @@ class Inbox:
 
     def messages(self) -> list[Arrival]:
         """Return the messages since the last call of `empty`."""
-        for raw, info in take_all(self._subscription):
-            sent, received = info['source_timestamp'], info['received_timestamp']
-            self._arrivals.append(Arrival(raw, sent, received))
+        self._arrivals += take_all(self._subscription)
         return self._arrivals
 
     def empty(self) -> None:
@@ -128,28 +119,31 @@ class Reactions:
         published = time.time_ns()
         self._nudge.publish(Float64(data=direction * SPEED))
         time.sleep(WATCHING)
-        shown = until(lambda: self._jump_since(published), 'a frame that shows the nudge')
-        stamp = time_from_msg(deserialize_message(shown.message, JointState).header.stamp)
-        state = until(lambda: self._state_of(stamp), 'a soliton_state that shows the nudge')
-        impulses = until(self._impulses.messages, 'the impulses of the nudge')[0]
+        frame, shown = until(lambda: self._jump_since(published), 'a frame that shows the nudge')
+        stamp = time_from_msg(deserialize_message(frame, JointState).header.stamp)
+        _, state = until(lambda: self._state_of(stamp), 'a soliton_state that shows the nudge')
+        _, impulses = until(self._impulses.messages, 'the impulses of the nudge')[0]
         return {
-            'rotor_impulses': impulses.sent - published,
-            'joint_states': shown.received - published,
-            'soliton_state': state.received - published,
+            'rotor_impulses': impulses['source_timestamp'] - published,
+            'joint_states': shown['received_timestamp'] - published,
+            'soliton_state': state['received_timestamp'] - published,
         }
 
     def _jump_since(self, instant: int) -> Arrival | None:
         """Return the first frame since an instant [ns] with a jump of the rates."""
         frames = self._joints.messages()
-        rates = [deserialize_message(arrival.message, JointState).velocity for arrival in frames]
+        rates = [deserialize_message(message, JointState).velocity for message, _ in frames]
         jumps = np.linalg.norm(np.diff(rates, axis=0), axis=1) > SPEED / 2
         since = (arrival for arrival, jump in zip(frames[1:], jumps, strict=True) if jump)
-        return next((arrival for arrival in since if arrival.received > instant), None)
+        return next((each for each in since if each[1]['received_timestamp'] > instant), None)
 
     def _state_of(self, stamp: int) -> Arrival | None:
         """Return the first soliton_state with this stamp [ns] or a later one."""
-        states = self._states.messages()
-        return next((each for each in states if read_stamp(each) >= stamp), None)
+        for message, info in self._states.messages():
+            state = deserialize_message(message, SolitonState)
+            if time_from_msg(state.header.stamp) >= stamp:
+                return message, info
+        return None
 
 
 def figures_of(measured: list[dict[str, list[float]]]) -> list[Figure]:
@@ -165,10 +159,6 @@ def figures_of(measured: list[dict[str, list[float]]]) -> list[Figure]:
         for what in measured[0]
         for share in (50, 99)
     ]
-
-
-def read_stamp(state: Arrival) -> int:
-    return time_from_msg(deserialize_message(state.message, SolitonState).header.stamp)
 
 
 if __name__ == '__main__':

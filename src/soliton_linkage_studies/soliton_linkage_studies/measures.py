@@ -168,19 +168,11 @@ Value = float | int | str
 class SweepTrial(CheckedQuantities):
     """Parameters with which a wall is sent through a chain."""
 
-    kick: float = quantity(
-        0.1,
-        'norm of the velocities r phi_dot of all masses after the kick',
-        'a sqrt(k_e / M)',
-        1e-9,
-        1e3,
-    )
+    kick: float = quantity(0.1, 'norm of r phi_dot after the kick', 'a sqrt(k_e / M)', 1e-9, 1e3)
     mechanics: str = quantity('elastic', 'connection between rotors', choices=MECHANICS)
-    time_limit: float = quantity(
-        2000.0, 'time limit for the return of the wall', 'sqrt(M / k_e)', 1.0, 1e6
-    )
+    time_limit: float = quantity(2e3, 'time limit of the return', 'sqrt(M / k_e)', 1.0, 1e6)
     tolerance: float = quantity(
-        1e-7, 'largest integration error of an angle per time unit', 'rad', 1e-13, 1e-2
+        1e-7, 'largest error of an angle per time unit', 'rad', 1e-13, 1e-2
     )
 
 

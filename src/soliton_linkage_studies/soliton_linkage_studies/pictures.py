@@ -196,7 +196,19 @@ def report_page(found: Identification) -> Figure:
     """Return a page with the lengths, the encoder offsets and the noise that each bond shows."""
     figure = Figure(figsize=(8, 9), layout='constrained')
     lengths, offsets, bonds = figure.subplots(3, sharex=True, height_ratios=[3, 2, 2])
-    _draw_lengths(lengths, found)
+    for name, label, colour, shift in (
+        ('rotor_length', 'rotor r', BLUE, 0.0),
+        ('spacing', 'pivot spacing a', GREEN, 0.4),
+        ('rest_length', 'spring or bar l', RED, 0.6),
+    ):
+        fractions = np.array(getattr(found.chain.deviations, name))
+        positions = np.arange(len(fractions)) + shift
+        spreads = 100 * found.deviations[name] * (1 + fractions)
+        look: Any = {'fmt': 'o', 'ms': 3, 'color': colour, 'label': label}
+        lengths.errorbar(positions, 100 * fractions, spreads, **look)
+    lengths.axhline(0, color=palette.PALE, linewidth=0.8, zorder=0)
+    lengths.set(ylabel='deviation from the mean [%]')
+    lengths.legend(ncols=3, fontsize=8)
     rotors = np.arange(found.chain.number_of_rotors)
     offsets.errorbar(
         rotors, found.offsets, found.offset_deviations, fmt='o', ms=3, color=palette.BLUE
@@ -215,22 +227,6 @@ def save_report(found: Identification, folder: Path) -> None:
         save_figure(page, folder / f'identification.{suffix}')
     paragraphs = [f'The chain: {description(found.chain)}.', *found.warnings]
     save_caption('\n\n'.join([_CAPTION, *paragraphs]), folder / 'identification.txt')
-
-
-def _draw_lengths(axes: Axes, found: Identification) -> None:
-    for name, label, colour, shift in (
-        ('rotor_length', 'rotor r', palette.BLUE, 0.0),
-        ('spacing', 'pivot spacing a', palette.GREEN, 0.4),
-        ('rest_length', 'spring or bar l', palette.RED, 0.6),
-    ):
-        fractions = np.array(getattr(found.chain.deviations, name))
-        positions = np.arange(len(fractions)) + shift
-        spreads = 100 * found.deviations[name] * (1 + fractions)
-        look: Any = {'fmt': 'o', 'ms': 3, 'color': colour, 'label': label}
-        axes.errorbar(positions, 100 * fractions, spreads, **look)
-    axes.axhline(0, color=palette.PALE, linewidth=0.8, zorder=0)
-    axes.set(ylabel='deviation from the mean [%]')
-    axes.legend(ncols=3, fontsize=8)
 
 
 def _draw_bonds(axes: Axes, found: Identification) -> None:

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
-from typing import Any, Protocol, cast, runtime_checkable
+from typing import Any, Protocol, cast
 
 _ONE_THREAD = dict.fromkeys(('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'), '1')
 _MAXIMUM_COUNT = 1000
@@ -38,22 +38,14 @@ Chunk = tuple[list[list[str]], list[int], float]
 
 
 class Rows(Protocol):
-    """A table whose rows are measured one by one."""
+    """A table whose rows are measured one by one.
+
+    A table may also have the attributes `cells_of`, a function that measures several rows in one
+    call and returns the cells of each, and `together`, the largest number of these rows [1].
+    """
 
     def cells(self, row: int) -> list[str]:
         """Measure a row and return its cells."""
-
-
-@runtime_checkable
-class RowsTogether(Rows, Protocol):
-    """A table in which several rows can be measured together."""
-
-    @property
-    def together(self) -> int:
-        """Largest number of rows that `cells_of` measures in one call [1]."""
-
-    def cells_of(self, rows: Sequence[int]) -> list[list[str]]:
-        """Measure rows and return the cells of each."""
 
 
 class Processes:
@@ -250,11 +242,10 @@ def measure_chunk(table: Rows, rows: list[int]) -> Chunk:
     Returns the cells of the measured rows, the rows that were not measured, and the duration [s].
     """
     begin, cells = time.perf_counter(), list[list[str]]()
+    together: int = getattr(table, 'together', 1)
+    measure: Any = getattr(table, 'cells_of', lambda each: [table.cells(row) for row in each])
     while len(cells) < len(rows):
-        if isinstance(table, RowsTogether):
-            cells += table.cells_of(rows[len(cells) : len(cells) + table.together])
-        else:
-            cells.append(table.cells(rows[len(cells)]))
+        cells += measure(rows[len(cells) : len(cells) + together])
         if time.perf_counter() - begin > _CHUNK_DURATION:
             break
     return cells, rows[len(cells) :], time.perf_counter() - begin

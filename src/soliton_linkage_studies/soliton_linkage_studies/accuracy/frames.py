@@ -17,16 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from soliton_linkage.linkage.chain import Array, Chain
-from soliton_linkage_studies.accuracy.estimators import (
-    ESTIMATORS,
-    ORBIT_COLD,
-    EstimatorTrial,
-    bias_by_position,
-    bound,
-    errors,
-    estimators_of,
-    inner_positions,
-)
+from soliton_linkage_studies.accuracy import estimators
 from soliton_linkage_studies.accuracy.statistics import number_text
 from soliton_linkage_studies.drawing import LEGEND_ABOVE, class_and_shape
 from soliton_linkage_studies.figure_report import FigureReport, new_report
@@ -67,7 +58,7 @@ an estimator is regarded as unbiased. Values below {{rounding:g}} are drawn at t
 
 {_ESTIMATORS}
 """
-_STYLES = dict(zip(ESTIMATORS, cycle(zip(COLOURS, MARKERS, strict=True)), strict=False))
+_STYLES = dict(zip(estimators.ESTIMATORS, cycle(zip(COLOURS, MARKERS, strict=True)), strict=False))
 _SIGNIFICANT = 3.0
 """Biases above this count as nonzero [standard errors]; 0.3 % of unbiased cases exceed it."""
 _UNBIASED = 0.002
@@ -161,7 +152,7 @@ class FrameStudy:
     chains: tuple[Chain, ...]
     noises: tuple[float, ...]
     """Tested standard deviations of the noise of each angle [rad]."""
-    trial: EstimatorTrial
+    trial: estimators.EstimatorTrial
     """Parameters of the tested frames; the noise is replaced by each of `noises`."""
     seed: int
 
@@ -170,7 +161,7 @@ class FrameStudy:
         cells = product(range(len(self.chains)), range(len(self.noises)), range(self._chunks))
         return [
             *(partial(self.sample, *numbers) for numbers in cells),
-            *(partial(bias_by_position, chain, 81) for chain in self.chains),
+            *(partial(estimators.bias_by_position, chain, 81) for chain in self.chains),
         ]
 
     def write(self, results: Sequence[Any], folder: Path) -> None:
@@ -179,14 +170,14 @@ class FrameStudy:
         lines = self.lines(results[: -len(self.chains)])
         write_lines(lines, folder)
         draw_accuracy(lines).save(folder, 'single_frame')
-        draw_bias(biases).save(folder, 'bias_by_position')
+        draw_bias(biases).save(folder, 'estimators.bias_by_position')
 
     def sample(self, chain: int, noise: int, chunk: int) -> dict[str, Array]:
         """Return `errors` for a chunk; the arguments are indices of chain, noise and chunk."""
         frames = min(_CHUNK, self.trial.frames - chunk * _CHUNK)
         trial = replace(self.trial, frames=frames, noise=self.noises[noise])
         generator = np.random.default_rng([self.seed, chain, noise, chunk])
-        return errors(self.chains[chain], trial, generator)
+        return estimators.errors(self.chains[chain], trial, generator)
 
     def lines(self, samples: Sequence[dict[str, Array]]) -> list[Line]:
         """Return the table rows from the results of `sample`, in the order of `tasks`."""
@@ -194,9 +185,11 @@ class FrameStudy:
         cells = list(product(self.chains, self.noises))
         for cell, (chain, noise) in enumerate(cells):
             chunks = samples[cell * self._chunks : (cell + 1) * self._chunks]
-            for name in estimators_of(chain):
+            for name in estimators.estimators_of(chain):
                 pairs = np.concatenate([chunk[name] for chunk in chunks])
-                lines.append(Line(chain, noise, name, accuracy_of(pairs, bound(chain, noise))))
+                lines.append(
+                    Line(chain, noise, name, accuracy_of(pairs, estimators.bound(chain, noise)))
+                )
         return lines
 
     @property
@@ -206,8 +199,8 @@ class FrameStudy:
 
 def read_frame_study(section: Section, quick: bool) -> FrameStudy:
     """Read the settings. Raises ValueError for invalid settings."""
-    values = section.values_of(EstimatorTrial, 'chains', 'noises', 'seed')
-    trial = EstimatorTrial(math.nan, **values)
+    values = section.values_of(estimators.EstimatorTrial, 'chains', 'noises', 'seed')
+    trial = estimators.EstimatorTrial(math.nan, **values)
     if quick:
         trial = replace(trial, frames=min(trial.frames, 400))
     chains = tuple(_chain_of(each) for each in section.sections('chains').values())
@@ -217,7 +210,7 @@ def read_frame_study(section: Section, quick: bool) -> FrameStudy:
 
 def _chain_of(section: Section) -> Chain:
     chain = chain_from(section)
-    low, high = inner_positions(chain)
+    low, high = estimators.inner_positions(chain)
     if low >= high:
         fewest = math.floor(2 * low) + 2
         raise section.error(
@@ -314,7 +307,7 @@ def _dress(column: Sequence[Axes], noise: float, names: Sequence[str]) -> None:
 
 
 def _dashes(name: str) -> Literal['-', ':']:
-    return ':' if name == ORBIT_COLD else '-'
+    return ':' if name == estimators.ORBIT_COLD else '-'
 
 
 def _level(label: str) -> Line2D:

@@ -11,6 +11,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -106,7 +107,10 @@ class FileKind:
 def file_kind() -> FileKind:
     """Return MP4 if the command ffmpeg or that of imageio_ffmpeg writes H.264, otherwise GIF."""
     complaints = []
-    programs = {'command ffmpeg': shutil.which('ffmpeg'), 'package imageio_ffmpeg': _packaged()}
+    programs = {'command ffmpeg': shutil.which('ffmpeg'), 'package imageio_ffmpeg': None}
+    with suppress(ImportError, RuntimeError):
+        package: Any = importlib.import_module('imageio_ffmpeg')
+        programs['package imageio_ffmpeg'] = str(package.get_ffmpeg_exe())
     for name, program in programs.items():
         if program is None:
             complaints.append(f'no {name}')
@@ -141,14 +145,6 @@ class _Painter(FFMpegWriter):
     def write(self, pixels: memoryview) -> None:
         process: Any = vars(self)['_proc']
         process.stdin.write(pixels)
-
-
-def _packaged() -> str | None:
-    try:
-        package: Any = importlib.import_module('imageio_ffmpeg')
-        return str(package.get_ffmpeg_exe())
-    except (ImportError, RuntimeError):
-        return None
 
 
 def _writes_h264(program: str) -> bool:

@@ -230,7 +230,7 @@ def _axis(section: Section, name: str) -> Axis:
     if isinstance(content, Mapping):
         axis = _range(section.section(name), name)
     elif isinstance(content, list) and 0 < len(content) <= _MOST_POINTS:
-        each = Section(section.file, f'{section.name}.{name}', dict(_numbered(content)))
+        each = _listed(section, f'{section.name}.{name}', content)
         axis = Axis(name, tuple(_value(each, key, name) for key in each.values))
     else:
         raise section.error(
@@ -241,6 +241,10 @@ def _axis(section: Section, name: str) -> Axis:
     if len(set(axis.values)) < len(axis.values):
         raise section.error(name, 'has duplicate values; remove them or reduce the points')
     return axis
+
+
+def _listed(section: Section, name: str, content: list[Any]) -> Section:
+    return Section(section.file, name, {str(n): value for n, value in enumerate(content)})
 
 
 def _range(section: Section, name: str) -> Axis:
@@ -261,10 +265,6 @@ def _range(section: Section, name: str) -> Axis:
     return Axis(name, tuple(values), logarithmic)
 
 
-def _numbered(content: list[Any]) -> list[tuple[str, Any]]:
-    return [(str(number), value) for number, value in enumerate(content)]
-
-
 def _thinned(axis: Axis) -> Axis:
     points = len(axis.values)
     kept = np.unique(np.linspace(0, points - 1, min(points, 8)).round().astype(int))
@@ -275,7 +275,7 @@ def _seeds(settings: Section) -> tuple[int, ...]:
     content = settings.values.get('seeds', 1)
     if not isinstance(content, list):
         return tuple(range(settings.whole_number('seeds', 1, _MOST_POINTS, 1)))
-    section = Section(settings.file, 'seeds', dict(_numbered(content)))
+    section = _listed(settings, 'seeds', content)
     seeds = tuple(section.whole_number(key, 0, 2**32) for key in section.values)
     if not seeds or len(set(seeds)) < len(seeds):
         raise settings.error('seeds', 'must be a list of different seeds, or the number of seeds')
