@@ -26,7 +26,6 @@ import processes
 import rclpy
 from comparison import Figure, Part, parse, parser, tracked, write
 from diagnostic_msgs.msg import DiagnosticArray
-from live_watchers import ASK
 from rclpy.node import Node
 
 from soliton_linkage.progress import ProgressLine
@@ -40,6 +39,11 @@ NUDGES = 21
 MOVED = 1e-3
 PORT = 18_777
 PARTS = ('pictures', 'delay', 'crowd', 'silent', 'open')
+ASK = (
+    'GET /stream HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nUpgrade: websocket\r\n'
+    'Connection: Upgrade\r\nSec-WebSocket-Version: 13\r\n'
+    'Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n'
+)
 NODES = ('edge_actuator', 'soliton_analyser', 'soliton_steering')
 LATENCY = """async ([id, moved]) => {
   const before = [...live.shown.angles];
