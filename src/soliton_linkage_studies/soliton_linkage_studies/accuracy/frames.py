@@ -170,7 +170,7 @@ class FrameStudy:
         lines = self.lines(results[: -len(self.chains)])
         write_lines(lines, folder)
         draw_accuracy(lines).save(folder, 'single_frame')
-        draw_bias(biases).save(folder, 'estimators.bias_by_position')
+        draw_bias(biases).save(folder, 'bias_by_position')
 
     def sample(self, chain: int, noise: int, chunk: int) -> dict[str, Array]:
         """Return `errors` for a chunk; the arguments are indices of chain, noise and chunk."""
