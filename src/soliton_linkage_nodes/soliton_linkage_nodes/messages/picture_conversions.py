@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Conversions between messages and pictures, and files in the format of camera_calibration."""
+"""Conversion of messages to pictures and back; files in the format of camera_calibration."""
 
 from __future__ import annotations
 

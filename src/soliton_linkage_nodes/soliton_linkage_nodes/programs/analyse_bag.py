@@ -163,7 +163,7 @@ def analyse_many(study: BagBatch, workers: int, scheduler: str | None = None) ->
 
 
 _MOST_DRAWN = 4000
-"""Largest number of frames in a picture [1], larger than the number of its pixel columns."""
+"""Largest number of frames that are drawn in a picture [1]; it has fewer columns of pixels."""
 
 
 class PictureFrames:

@@ -57,7 +57,11 @@ class SequenceGaps:
 
 @dataclass
 class _Newcomer:
-    """First message of a publisher: source time, time since subscribing, message period [ns]."""
+    """First message of a publisher: its sequence number and source time [ns].
+
+    `elapsed` is the time from the subscription to this message, and `period` the time between
+    messages of the publisher [ns].
+    """
 
     number: int
     sent: int

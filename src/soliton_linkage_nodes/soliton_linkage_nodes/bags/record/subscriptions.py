@@ -79,8 +79,9 @@ class RecordedSubscription:
         return self._subscription.changed
 
     def adapt(self, query: bool) -> list[ReceivedMessage]:
-        """Subscribe again if the publishers require another QoS; return the messages that waited.
+        """Subscribe again if the publishers require another QoS.
 
+        Return the messages that were in the queue of the old subscription.
         Unless `query` is set, the ROS graph is queried only if the publishers may have changed.
         """
         unsettled = not self._subscription.as_requested or self.connected != self.publishers
