@@ -127,8 +127,9 @@ class PlaybackThread:
     """Thread that publishes each message of a bag when it is due.
 
     The thread first waits for subscribers of the latched topics among `awaited`, and publishes the
-    last latched messages from before the range. It then waits for the other
-    subscribers, and for the analyser if `lockstep` is set. `finished` is set at the end of the range, but not after a stop.
+    last latched messages from before the range. It then waits for the other subscribers, and for
+    the analyser if `lockstep` is set. `finished` is set at the end of the range, but not after a
+    stop.
     `rounds` is the number of starts of the range, and `jumps` the number of seeks.
     """
 
