@@ -93,10 +93,7 @@ class PneumaticActuator(CheckedQuantities):
         return pressure, integral
 
     def responses(self, pressure: float, times: Array, commands: Array) -> Array:
-        """Return the pressure [Pa] at the instants `times` [s], from `pressure` at the first one.
-
-        Each element of `commands` [Pa] acts from its instant to the next one.
-        """
+        """Return the pressures [Pa] at `times` [s]; each command [Pa] acts until the next one."""
         pressures = [pressure]
         for step, target in zip(np.diff(times).tolist(), commands.tolist(), strict=False):
             pressures.append(self.follow(pressures[-1], target, 0.0, step)[0])

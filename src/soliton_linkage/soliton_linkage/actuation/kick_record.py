@@ -129,10 +129,7 @@ class KickRecord:
             self._report_impulses([kick], kick.work, measured=False)
 
     def begin(self, stamp: int, source: str, command: EdgeCommand | None) -> None:
-        """Start an episode of torques at a stamp [ns], or add a source to the current episode.
-
-        `command` is the edge command, or None for a joint command.
-        """
+        """Start an episode at a stamp [ns], or add a source; a joint command has no `command`."""
         if self._episode is None:
             before = None if self._ended else self.delivered
             self._episode = _TorqueEpisode(stamp, TorqueLedger(self._rotors), before)

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from soliton_linkage.actuation.profile import RESOLUTION, Profile
@@ -19,11 +17,12 @@ at 0.5x, the error is 0.7 %; at 2x, 0.2 %."""
 
 
 class RotorDrive:
-    """Drive of one rotor by a waveform; a new command replaces the previous one.
+    """Drive of one rotor by a waveform that starts at the time `started` [s].
 
-    If the waveform is an angle q_ref(t), which the rotor angle q must follow, the drive applies
-    the following torque, up to a limit. I is the moment of inertia, tau_springs the torque of the
-    springs, T the frame period, and w the natural frequency of the servo.
+    `profile` is the torque [N m] or the angle [rad], as stated by `quantity`, versus time. If it
+    is an angle q_ref(t), which the rotor angle q must follow, the drive applies the following
+    torque, up to `limit` [N m]. I is the moment of inertia, tau_springs the torque of the springs,
+    T the frame period, and w the natural frequency of the servo.
 
         tau = I q_ref'' - tau_springs + I [w^2 (q_ref - q) + 2 w (q_ref' - q')],    w = 0.3 / T.
 
@@ -31,48 +30,30 @@ class RotorDrive:
     q' are extrapolated to the next frame.
     """
 
-    def __init__(self, chain: Chain) -> None:
+    def __init__(
+        self,
+        chain: Chain,
+        profile: Profile,
+        quantity: DrivenQuantity,
+        rotor: int,
+        limit: float,
+        started: float,
+    ) -> None:
         self._chain = chain
-        self._profile: Profile | None = None
+        self._profile, self._rotor, self._limit, self._started = profile, rotor, limit, started
         self._servo: _AngleServo | None = None
-        self._rotor = 0
-        self._limit = math.inf
-        self._started = 0.0
-
-    @property
-    def active(self) -> bool:
-        """Whether a torque acts now or will act later."""
-        return self._profile is not None
+        if quantity is DrivenQuantity.ANGLE:
+            self._servo = _AngleServo(profile, float(chain.moments_of_inertia[rotor]))
 
     def unfinished(self, time: float) -> bool:
         """Return whether the waveform continues after the instant `time` [s]."""
-        return self._profile is not None and time < self._started + self._profile.end - RESOLUTION
-
-    def command(
-        self, profile: Profile, quantity: DrivenQuantity, rotor: int, limit: float, time: float
-    ) -> None:
-        """Start a waveform on a rotor at `time` [s], with torques up to `limit` [N m].
-
-        `profile` is the torque [N m] or the angle [rad], as stated by `quantity`, versus time.
-        """
-        self._profile, self._rotor, self._limit = profile, rotor, limit
-        self._started, self._servo = time, None
-        if quantity is DrivenQuantity.ANGLE:
-            self._servo = _AngleServo(profile, float(self._chain.moments_of_inertia[rotor]))
-
-    def drop(self) -> None:
-        """End the waveform."""
-        self._profile = self._servo = None
+        return time < self._started + self._profile.end - RESOLUTION
 
     def add_torque(self, torques: Array, angles: Array, start: float, end: float) -> bool:
         """Add the mean torque from `start` to `end` [s] to `torques` [N m], shape (N,).
 
         `angles` [rad] are those at `start`. Return whether the torque was limited.
         """
-        if not self.unfinished(start):
-            self.drop()
-        if self._profile is None:
-            return False
         since = start - self._started
         if self._servo is None:
             wanted = float(self._profile.mean(since, since + end - start))

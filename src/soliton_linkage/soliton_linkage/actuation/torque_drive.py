@@ -26,9 +26,9 @@ _SIGNS = {Edge.FIRST: 1.0, Edge.LAST: -1.0}
 
 
 class MeanTorque(NamedTuple):
-    """Mean torque of the edge actuators, and whether a limit reduces the torque of an actuator.
+    """Mean torque towards the last rotor [N m], and whether a limit reduces it.
 
-    The `torque` [N m] acts along the unit zero mode, and is positive towards the last rotor.
+    The torque acts along the unit zero mode.
     """
 
     torque: float
@@ -210,10 +210,7 @@ class JointDrive:
 
 
 class DriveTorques(NamedTuple):
-    """Torque on each rotor from one frame to the next [N m], shape (N,).
-
-    `saturated` states whether a limit reduced the torque of an edge actuator or of a waveform.
-    """
+    """Torque on each rotor until the next frame [N m], (N,), and whether a limit reduces one."""
 
     torques: Array
     saturated: bool
@@ -226,31 +223,29 @@ class TorqueDrive:
         self.chain = chain
         self.edges = EdgeDrive(actuator)
         self.joints = JointDrive(chain.number_of_rotors, timeout)
-        self._rotor = RotorDrive(chain)
+        self._rotor: RotorDrive | None = None
 
     @property
     def active(self) -> bool:
         """Whether a torque acts now or will act later."""
-        return self.edges.active or self.joints.active or self._rotor.active
+        return self.edges.active or self.joints.active or self._rotor is not None
 
     def edge_command_unfinished(self, time: float) -> bool:
         """Return whether a finite edge command or a waveform is active at `time` [s]."""
-        return self.edges.unfinished(time) or self._rotor.unfinished(time)
+        playing = self._rotor is not None and self._rotor.unfinished(time)
+        return playing or self.edges.unfinished(time)
 
     def command(self, command: EdgeCommand, side: Edge, time: float) -> None:
         """Start an edge command at `time` [s] in place of the last edge command or waveform."""
-        self._rotor.drop()
+        self._rotor = None
         self.edges.command(command, side, time)
 
     def play(
         self, profile: Profile, quantity: DrivenQuantity, rotor: int, limit: float, time: float
     ) -> None:
-        """Start a waveform on a rotor at `time` [s] in place of the edge command or waveform.
-
-        The torques are limited to `limit` [N m].
-        """
+        """Start a `RotorDrive` at `time` [s] in place of the edge command or waveform."""
         self.edges.drop(time)
-        self._rotor.command(profile, quantity, rotor, limit, time)
+        self._rotor = RotorDrive(self.chain, profile, quantity, rotor, limit, time)
 
     def torques(self, angles: Array, start: float, end: float) -> DriveTorques:
         """Return the mean torques from `start` to `end` [s], for the `angles` at `start` [rad]."""
@@ -258,5 +253,7 @@ class TorqueDrive:
         edge = self.edges.mean_torque(start, end)
         if edge.torque:
             torques += edge.torque * mode_towards_last(self.chain, angles)
-        limited = self._rotor.add_torque(torques, angles, start, end)
+        if self._rotor is not None and not self._rotor.unfinished(start):
+            self._rotor = None
+        limited = self._rotor is not None and self._rotor.add_torque(torques, angles, start, end)
         return DriveTorques(torques, edge.saturated or limited)

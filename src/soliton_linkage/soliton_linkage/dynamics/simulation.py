@@ -125,10 +125,7 @@ class Simulation(ABC):
 
     @property
     def energy_drift(self) -> float:
-        """Relative energy error of the solver since the start [1].
-
-        It is (energy - initial energy - work + dissipated energy) / largest energy so far.
-        """
+        """Relative energy error: (energy - initial - work + dissipated) / largest energy [1]."""
         change = self.motion.external_energy(self.angles) - self._external_at_start
         self._largest_energy = max(self._largest_energy, self._motion_and_springs(), abs(change))
         expected = self._work + self._work_of_torques(self.angles) - self.dissipated

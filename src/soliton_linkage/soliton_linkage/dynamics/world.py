@@ -81,19 +81,11 @@ class World:
         """Return the initial state that the parameters specify."""
         given = self._parameters
         if given.initial_state == _SOLITON:
-            return self.soliton(given.initial_position, given.initial_velocity)
+            return with_soliton(self._chain, given.initial_position, given.initial_velocity)
         if given.initial_state == _PAIR:
             site = given.initial_position
             return with_pair(self._chain, site, site - given.initial_distance)
-        return self.leaning(_LEANS[given.initial_state])
-
-    def leaning(self, lean: int) -> State:
-        """Return the state at rest that leans left (-1) or right (1)."""
-        return leaning(self._chain, lean)
-
-    def soliton(self, site: float, velocity: float) -> State:
-        """Return a soliton at a site coordinate [rotor spacings] with a velocity [m/s]."""
-        return with_soliton(self._chain, site, velocity)
+        return leaning(self._chain, _LEANS[given.initial_state])
 
 
 def joint_numbers(

@@ -89,10 +89,7 @@ def gap(chain: Chain) -> float:
 
 
 def band_edges(chain: Chain) -> tuple[float, float]:
-    """Return the lowest and the highest angular frequency of the phonons [rad/s].
-
-    They are sqrt(k_e / M) ||q+| - |q-|| / r and sqrt(k_e / M) (|q+| + |q-|) / r.
-    """
+    """Return the band limits of the phonons, (||q+| -+ |q-|| / r) sqrt(k_e / M) [rad/s]."""
     scale = 2 * math.cos(chain.rest_angle) / (chain.rest_length * chain.time_unit)
     lean_across = 2 * chain.rotor_length * math.sin(chain.rest_angle)
     lower, upper = sorted((lean_across, chain.spacing))

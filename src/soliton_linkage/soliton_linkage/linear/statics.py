@@ -55,10 +55,7 @@ def unstretched(chain: Chain, angles: Array) -> Array:
 
 
 def rest_state(chain: Chain, lean: int) -> Array:
-    """Return the state with relaxed springs near the uniform state `lean` (-1 or 1) [rad], (N,).
-
-    In a chain without deviations, it is this state. Raises ValueError if no such state exists.
-    """
+    """Return the relaxed state near the uniform state `lean` (+1 or -1) [rad]; else ValueError."""
     return unstretched(chain, chain.uniform_state(lean))
 
 

@@ -175,10 +175,7 @@ class Chain:
 
     @cached_property
     def motion(self) -> Motion:
-        """Class of motion, from the ratios d of `lean_ratio` and d_c of `critical_lean_ratio`.
-
-        The chain is a flipper for d <= 1, a spinner for d > d_c and a wobbling flipper in between.
-        """
+        """Class of motion: flipper for d <= 1, spinner for d > d_c, else wobbling flipper."""
         if self.lean_ratio > self.critical_lean_ratio:
             return Motion.SPINNER
         return Motion.WOBBLING_FLIPPER if self.lean_ratio > 1 else Motion.FLIPPER

@@ -57,7 +57,9 @@ def robot_description(
         rgba = ' '.join(f'{share:.4g}' for share in (*shares(colour), 1))
         Xml.SubElement(material, 'color', rgba=rgba)
     width = _THICKNESS * min(chain.spacing, chain.rotor_length)
-    _add_base(robot, chain, width)
+    base = Xml.SubElement(robot, 'link', name=BASE)
+    size = _row(chain.pivots[-1] + chain.spacing, width / 2, width)
+    _add_visual(base, (chain.pivots[-1] / 2, width, 0), 'base', 'box', size=size)
     for rotor, name in enumerate(names):
         _add_link(robot, chain, rotor, name, width)
         _add_joint(robot, chain, rotor, name, limits or JointLimits())
@@ -68,13 +70,6 @@ def robot_description(
 def link_name(joint: str) -> str:
     """Return the name of the link that a joint moves; the frame of the link has the same name."""
     return f'{joint}_link'
-
-
-def _add_base(robot: Xml.Element, chain: Chain, width: float) -> None:
-    base = Xml.SubElement(robot, 'link', name=BASE)
-    length = chain.pivots[-1] + chain.spacing
-    size = _row(length, width / 2, width)
-    _add_visual(base, (chain.pivots[-1] / 2, width, 0), 'base', 'box', size=size)
 
 
 def _add_link(robot: Xml.Element, chain: Chain, rotor: int, joint: str, width: float) -> None:

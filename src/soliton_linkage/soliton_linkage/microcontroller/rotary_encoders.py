@@ -22,10 +22,7 @@ _COMPARED_NUMBERS = 4
 
 @dataclass(frozen=True)
 class RotaryEncoders:
-    """Mounting of encoders: phi = 2 pi sign q - offset for a reading of q turns.
-
-    Raises ValueError for values out of range.
-    """
+    """Mounting: phi = 2 pi sign q - offset for q turns; ValueError for values out of range."""
 
     counts_per_turn: tuple[float, ...] = quantity(
         (4096.0,), 'counts per turn, one value for all encoders or one per rotor [1]'

@@ -35,10 +35,7 @@ far from the wall then also moves."""
 
 
 def orbit_of(chain: Chain) -> Orbit:
-    """Return the `UniformOrbit` or, if the chain has deviations, the `DeviatingOrbit` of a chain.
-
-    Raises the errors of these classes.
-    """
+    """Return the `UniformOrbit` or, with deviations, the `DeviatingOrbit`; raises their errors."""
     return UniformOrbit(chain) if chain.deviations == NO_DEVIATIONS else DeviatingOrbit(chain)
 
 

@@ -19,10 +19,7 @@ derivative is then 1e-6/rad."""
 
 
 class OrbitSegment(NamedTuple):
-    """Angles of the n rotors near the wall, and their derivatives along the orbit.
-
-    `first` is the number of the first of these rotors.
-    """
+    """Angles of the n rotors near the wall, from rotor `first` on, and their derivatives."""
 
     first: int
     angles: Array
@@ -94,10 +91,7 @@ class Orbit(ABC):
     @property
     @abstractmethod
     def wall_extent(self) -> float:
-        """Longest stretch of the orbit along which one rotor moves [rad].
-
-        A rotor moves while the wall passes it or is reflected at it.
-        """
+        """Longest stretch of the orbit along which one rotor moves [rad]."""
 
     def leg_arcs(self, leg: int) -> tuple[float, float]:
         """Return the arc lengths [rad] at which a leg begins and ends."""

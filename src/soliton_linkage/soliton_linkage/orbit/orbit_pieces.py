@@ -56,10 +56,7 @@ _TO_SERIES = np.linalg.inv(chebyshev.chebvander(_POINTS, _NODES - 1))
 
 @dataclass(frozen=True)
 class OrbitPiece:
-    """Piece of an orbit, with the angles of the n rotors that move in this piece.
-
-    `seed` is the number of the seed, and `first` is the number of the first moving rotor.
-    """
+    """Piece of an orbit with one seed, in which n rotors move, from rotor `first` on."""
 
     seed: int
     length: float
@@ -122,10 +119,7 @@ def _is_cut(piece: OrbitPiece, beside: int, last: int) -> bool:
 
 
 class _Window:
-    """Window of W rotors and W - 1 bars around each of P seeds.
-
-    Arrays of rotor values have the shape (P, W), and arrays of bar values the shape (P, W - 1).
-    """
+    """Windows of W rotors, (P, W), and of W - 1 bars, (P, W - 1), around P seeds."""
 
     def __init__(self, chain: Chain, path: SeedPath) -> None:
         self.beside = path.left_branches.shape[1] // 2

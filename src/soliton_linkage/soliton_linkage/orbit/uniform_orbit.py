@@ -323,10 +323,7 @@ def _short_chain(chain: Chain) -> Chain:
 
 
 def _closed_spline(pieces: list[_HalfLegs], middles: list[float]) -> BSpline:
-    """Return a spline of N angles and N tangents that is smooth where the orbit closes.
-
-    `middles` contains the arc lengths at which pieces begin, and the length of the orbit [rad].
-    """
+    """Return a closed spline of angles and tangents; pieces begin at `middles` [rad]."""
     arcs, rows, end = [], [], pieces[0].angles[0]
     for piece, middle in zip(pieces, middles[:-1], strict=True):
         turns = 2 * math.pi * np.round((end - piece.angles[0]) / (2 * math.pi))

@@ -47,10 +47,7 @@ _SAMPLES = 4
 
 
 class Shifts(NamedTuple):
-    """Standard deviations of errors of a wall, relative to the error of a far rotor.
-
-    `WallShifts` defines the error of a far rotor.
-    """
+    """Standard deviations of wall errors, divided by that of a far rotor (see `WallShifts`)."""
 
     arc: float
     """Ratio for the error of the arc length of the wall [1]."""

@@ -82,10 +82,7 @@ def resting_anti_kink(chain: Chain, near: float) -> tuple[float, Array]:
 
 
 def continuum_anti_kink(chain: Chain, site: float) -> Array:
-    """Return the angles of an anti-kink of the continuum theory [rad], shape (N,).
-
-    The edge rotors have the same angles as in the uniform states.
-    """
+    """Return the angles of a continuum anti-kink [rad], (N,); the edges are in uniform states."""
     rotors, rest = np.arange(chain.number_of_rotors), chain.rest_angle
     field = np.tanh((rotors - site) * chain.spacing / chain.wall_width)
     field[0], field[-1] = -1.0, 1.0

@@ -17,10 +17,7 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion
 
 
 class Obstacle(NamedTuple):
-    """Bond that may stop a wall.
-
-    `spacing`, `rotor_lengths` and `rest_length` are the lengths of its four bars [m].
-    """
+    """Bond that may stop a wall, with the lengths of its four bars [m]."""
 
     bond: int
     """Index of the spring between the rotors `bond` and `bond` + 1."""

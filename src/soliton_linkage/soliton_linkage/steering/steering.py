@@ -59,10 +59,7 @@ class Outcome(enum.Enum):
 
 @dataclass(frozen=True)
 class MoveResult:
-    """Result of a move, with a message that states values and limits.
-
-    `site` is the final site coordinate of the wall [rotor spacings], NaN if no wall is detected.
-    """
+    """Result of a move; final `site` of the wall [rotor spacings], NaN if none is detected."""
 
     outcome: Outcome
     message: str

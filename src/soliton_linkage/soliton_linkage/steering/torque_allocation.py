@@ -42,10 +42,7 @@ class Effort(NamedTuple):
 
 
 class Reach(NamedTuple):
-    """Range of site coordinates to which actuators can move a wall [rotor spacings].
-
-    Both limits are NaN if the actuators cannot hold the wall at its current position.
-    """
+    """Sites to which actuators can move a wall [rotor spacings]; NaN if they cannot hold it."""
 
     first: float
     last: float

@@ -84,10 +84,7 @@ class AngleCamera:
         self._known: ChainPlane | None = None
 
     def measure(self, time: float, picture: Picture) -> AngleFrame:
-        """Measure the angles in the next picture, whose exposure starts at a time [s].
-
-        Raises ValueError if the size of the picture differs from the camera parameters.
-        """
+        """Measure the next picture, exposed from `time` [s] on; ValueError for a wrong size."""
         grey = self._camera.checked_grey(picture)
         if not self.frame_markers.update(grey):
             return self._hidden(

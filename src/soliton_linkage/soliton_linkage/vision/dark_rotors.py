@@ -65,10 +65,7 @@ class DarkRotors:
         self._length_errors = FadingMeanSquare()
 
     def measure(self, time: float, picture: Picture) -> AngleFrame:
-        """Return the angles in a picture whose exposure starts at a time [s].
-
-        Raises ValueError if the size of the picture differs from the camera parameters.
-        """
+        """Measure a picture that is exposed from `time` [s] on; ValueError for a wrong size."""
         bars = _bars(self._camera.checked_grey(picture))
         delay = self._camera.middle_delay
         if self._pivots is None and len(bars.middles) != self._rotors:

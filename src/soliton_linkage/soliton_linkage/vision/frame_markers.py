@@ -229,10 +229,7 @@ class FrameMarkers:
 
 
 def _print_scale(plane: ChainPlane, pixels: Array, printed: Array) -> float:
-    """Return the ratio of the size of M markers to their distances, relative to the layout [1].
-
-    `pixels` and `printed` [m], (M, 4, 2), are four points of each marker.
-    """
+    """Return the ratio of the size of M markers, (M, 4, 2), to their distances [1]."""
     if len(pixels) < 2:
         return 1.0
     size, distance = np.divide(_spreads(plane.points(pixels)), _spreads(printed))

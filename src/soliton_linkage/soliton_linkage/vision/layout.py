@@ -124,12 +124,8 @@ class MarkerLayout:
         first = math.floor(round(1e3 * (length / 2 - half), 6))
         step = math.ceil(round(2e3 * half / max(columns - 1, 1), 6))
         row = math.ceil(round(1e3 * away, 6))
-        return (
-            np.array(
-                [(first + step * column, z) for column in range(columns) for z in (row, -row)]
-            )
-            / 1e3
-        )
+        centres = [(first + step * column, z) for column in range(columns) for z in (row, -row)]
+        return np.array(centres) / 1e3
 
     @cached_property
     def frame_corners(self) -> Array:

@@ -33,10 +33,7 @@ _BOARD = (9, 6, 0.025)
 
 
 def write_sheets(layout: MarkerLayout, path: Path, paper: str = 'a4') -> list[Path]:
-    """Write the sheets of a chain; return the paths of the files.
-
-    Raises ValueError if a marker does not fit on the paper, or for an unknown suffix.
-    """
+    """Write the sheets; return their paths. ValueError if a marker or the suffix does not fit."""
     figures = list(_sheets(layout, paper))
     path.parent.mkdir(parents=True, exist_ok=True)
     if path.suffix.lower() == '.svg':

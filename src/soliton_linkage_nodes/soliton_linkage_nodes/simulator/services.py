@@ -9,7 +9,7 @@ from typing import Any
 from rclpy.node import Node
 from std_srvs.srv import SetBool
 
-from soliton_linkage.dynamics.initial_states import State
+from soliton_linkage.dynamics.initial_states import State, leaning, with_soliton
 from soliton_linkage.dynamics.world import World
 from soliton_linkage_msgs.srv import Reset, Step
 from soliton_linkage_nodes.messages.conversions import NamedChain, state_from_reset
@@ -65,13 +65,13 @@ class SimulationServices:
         return None
 
     def _state(self, request: Any) -> State:
-        world = self._world
+        chain = self._named.chain
         if request.state == Reset.Request.INITIAL:
-            return world.initial_state()
+            return self._world.initial_state()
         if request.state in (Reset.Request.LEFT_LEANING, Reset.Request.RIGHT_LEANING):
-            return world.leaning(-1 if request.state == Reset.Request.LEFT_LEANING else 1)
+            return leaning(chain, -1 if request.state == Reset.Request.LEFT_LEANING else 1)
         if request.state == Reset.Request.SOLITON:
-            return world.soliton(request.rotor, request.velocity)
+            return with_soliton(chain, request.rotor, request.velocity)
         if request.state == Reset.Request.ANGLES:
             return state_from_reset(self._named, request, self.control.state)
         raise ValueError(f'state = {request.state} must be one of 0 to {Reset.Request.ANGLES}')

@@ -96,10 +96,7 @@ Fields = tuple[Any, ...]
 
 @inlined
 def turned(c: float, s: float, x: float) -> tuple[float, float]:
-    """Return the cosine and sine of an angle after a rotation by x [rad].
-
-    `c` and `s` are the cosine and sine before the rotation, and |x| is at most LARGEST_TURN.
-    """
+    """Return the cosine and sine of an angle after a rotation by x [rad], |x| <= LARGEST_TURN."""
     z = x * x
     y = z * z
     odd = (-1 / 5040 + z * (1 / 362880)) + y * (-1 / 39916800 + z * (1 / 6227020800))
@@ -325,10 +322,7 @@ def load(work: Array, state: Array, circular: Array) -> None:
 def put_knot(
     work: Array, forces: Forces, state: Array, unit: float, knots: Array, knot: int
 ) -> None:
-    """Store the angles, the dissipated energy, and their first two derivatives at a knot.
-
-    The derivatives are with respect to the time divided by `unit` [s].
-    """
+    """Store angles, dissipated energy, and two derivatives by the time / `unit` [s] at a knot."""
     never_inlined()
     rotors, first = state.size // 2, 3 * knot
     active_before = sum_terms(work, rotors, forces.kinds, forces.parameters)
