@@ -119,8 +119,12 @@ class DeviatingOrbit(Orbit):
             rotor = None if spinner else -2 if piece.seed == last else 1
             within = spinner or after.seed == piece.seed
             rate = _rate(0.0, after, rotor) if within else _rate(piece.length, piece, rotor)
-            if (_rate(0.0, piece, rotor) > 0) != (rate > 0):
-                found.append(end - piece.length + _reversal(piece, rotor))
+            begins, ends = (_rate(arc, piece, rotor) > 0 for arc in (0.0, piece.length))
+            if begins != (rate > 0):
+                reversal = piece.length
+                if begins != ends:
+                    reversal = brentq(_rate, 0, piece.length, args=(piece, rotor), xtol=1e-14)
+                found.append(end - piece.length + float(reversal))
         if len(found) != self.number_of_legs:
             number = bisect_right(self._ends, found[0] if found else 0.0)
             raise blocked_wall_error(self.chain, self._pieces[number].seed)
@@ -188,12 +192,6 @@ def _difference(arc: float, piece: OrbitPiece, column: int, angle: float) -> flo
 def _rate(arc: float, piece: OrbitPiece, rotor: int | None) -> float:
     angles, tangent = np.split(piece.at(arc), 2)
     return float(np.cos(angles) @ tangent) if rotor is None else float(tangent[rotor])
-
-
-def _reversal(piece: OrbitPiece, rotor: int | None) -> float:
-    if (_rate(0.0, piece, rotor) > 0) == (_rate(piece.length, piece, rotor) > 0):
-        return piece.length
-    return float(brentq(_rate, 0, piece.length, args=(piece, rotor), xtol=1e-14))
 
 
 class _ArcMap(PiecewiseCubic):

@@ -79,7 +79,12 @@ class UniformOrbit(Orbit):
         self.chain = replace(chain, deviations=NO_DEVIATIONS)
         self.number_of_legs = 2 if chain.motion is Motion.SPINNER else 4
         self.site_arc = site_arc(chain)
-        self._short = _short_chain(self.chain)
+        # The edges of the short chain do not affect a wall in its middle. Chains with other masses,
+        # springs or motors have the same short chain, whose orbit is then cached once.
+        depth = penetration_depth(chain) / chain.spacing
+        beside = math.ceil(_DEPTHS_BESIDE * depth) + _ROTORS_BESIDE
+        shortest = min(chain.number_of_rotors, 2 * beside + chain.number_of_rotors % 2)
+        self._short = Chain(shortest, chain.spacing, chain.rotor_length, chain.rest_angle)
         self._repeats = (chain.number_of_rotors - self._short.number_of_rotors) // 2
         self._orbit = _short_orbit(self._short, self.number_of_legs)
         reflections = self._orbit.reflections
@@ -202,11 +207,9 @@ class _ShortOrbit:
         distances = np.linspace(0.0, reach, count)
         last = [self._speeds_near_last(distances, leg) for leg in range(legs)]
         first = [last[self._mirrored(leg)] for leg in range(legs)]
+        sides = (False, last), (True, first)
         self.edges = [
-            [
-                self._edge(leg, *each, distances)
-                for each in ((False, last[leg]), (True, first[leg]))
-            ]
+            [self._edge(leg, at_first, speeds[leg], distances) for at_first, speeds in sides]
             for leg in range(legs)
         ]
         """For each leg two functions, for the last and for the first rotor, that return the
@@ -311,15 +314,6 @@ class _ShortOrbit:
 
 
 _short_orbit = lru_cache(maxsize=64)(_ShortOrbit)
-
-
-def _short_chain(chain: Chain) -> Chain:
-    """Return the shortest chain, up to `chain`, whose edges do not affect a wall in the middle."""
-    depth = penetration_depth(chain) / chain.spacing
-    beside = math.ceil(_DEPTHS_BESIDE * depth) + _ROTORS_BESIDE
-    rotors = min(chain.number_of_rotors, 2 * beside + chain.number_of_rotors % 2)
-    # Chains with other masses, springs or motors have the same orbit, which is then cached once.
-    return Chain(rotors, chain.spacing, chain.rotor_length, chain.rest_angle)
 
 
 def _closed_spline(pieces: list[_HalfLegs], middles: list[float]) -> BSpline:

@@ -97,16 +97,6 @@ def site_arc(chain: Chain) -> float:
     return _passage(_shape(chain), 0, False).arc
 
 
-def check_transition(chain: Chain) -> None:
-    """Raise ValueError if d is within 1e-9 d_c of d_c, the lean ratio where spinners begin."""
-    d, critical = chain.lean_ratio, chain.critical_lean_ratio
-    if abs(d - critical) < _TRANSITION * critical:
-        raise ValueError(
-            f'd = {d:.12g} is too near to d_c = {critical:.12g} to distinguish orbits of '
-            f'flippers and spinners; take d further than {_TRANSITION:g} d_c from it'
-        )
-
-
 def effective_mass(chain: Chain) -> float:
     """Return the effective mass of a slow wall, M_eff = M r^2 Lambda^2 / a^2 [kg]."""
     return chain.moment_of_inertia * (site_arc(chain) / chain.spacing) ** 2
@@ -276,7 +266,12 @@ def _shape(chain: Chain) -> Chain:
 
 def _rotors_beside(chain: Chain) -> int:
     """Return the number of rotors to compute on each side of a wall; ValueError if too many."""
-    check_transition(chain)
+    d, critical = chain.lean_ratio, chain.critical_lean_ratio
+    if abs(d - critical) < _TRANSITION * critical:
+        raise ValueError(
+            f'd = {d:.12g} is too near to d_c = {critical:.12g} to distinguish orbits of '
+            f'flippers and spinners; take d further than {_TRANSITION:g} d_c from it'
+        )
     beside = math.ceil(_DEPTHS_BESIDE * penetration_depth(chain) / chain.spacing) + 10
     if beside > _MOST_BESIDE:
         raise ValueError(

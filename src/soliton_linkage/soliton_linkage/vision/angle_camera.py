@@ -63,9 +63,8 @@ class AngleFrame:
 
 def hidden_frame(rotors: int, delay: float, status: str) -> AngleFrame:
     """Return a frame in which all rotors are hidden; `status` is the reason."""
-    none = np.full(rotors, np.nan)
-    nowhere = np.full((rotors, 2), np.nan)
-    return AngleFrame(delay, none, none.copy(), nowhere, nowhere.copy(), np.zeros((0, 2)), status)
+    none, nowhere = np.full((2, rotors), np.nan), np.full((2, rotors, 2), np.nan)
+    return AngleFrame(delay, *none, *nowhere, np.zeros((0, 2)), status)
 
 
 class AngleCamera:
@@ -80,7 +79,6 @@ class AngleCamera:
         self._before = 0.0
         self._layout, self._camera = layout, camera
         self._rotors = layout.chain.number_of_rotors
-        self._parity = np.arange(self._rotors) % 2
         self._known: ChainPlane | None = None
 
     def measure(self, time: float, picture: Picture) -> AngleFrame:
@@ -119,7 +117,7 @@ class AngleCamera:
         chosen = assign_dots(points, deviations, dots.colour_costs, predicted)
         seen = chosen != HIDDEN
         masses, pixels = np.full((2, self._rotors, 2), np.nan)
-        masses[seen] = points[self._parity[seen], chosen[seen]]
+        masses[seen] = points[np.flatnonzero(seen) % 2, chosen[seen]]
         pixels[seen] = dots.centres[chosen[seen]]
         arms = masses - self.pivots.positions
         times = self._times(time, np.where(seen[:, None], pixels, self._pivot_pixels))

@@ -136,7 +136,10 @@ class ErrorScale:
         moving = dots.displacements > _MOVING
         self._resting.add(dots.length_errors[~dots.repeated & ~moving])
         self._moving.add(dots.length_errors[~dots.repeated & moving])
-        self._add_jumps(dots)
+        changes, repeats = (dots.angles - self._before) / dots.noise, self._dead_zone.repeats
+        ended = (repeats > 0) & ~dots.repeated & np.isfinite(changes)
+        self._jumps.add_weighted(changes[ended], repeats[ended])
+        self._before = dots.angles
         jumps, relative = self._jumps.value(), 1 / (dots.noise * dots.pixels_per_radian)
         resting = self._resting.value() + (constant * relative) ** 2
         seen = np.isfinite(dots.angles)
@@ -147,12 +150,6 @@ class ErrorScale:
             return np.sqrt(self._dead_zone.variances(resting, max(jumps, coded)))
         updated = np.where(moving, self._moving.value(), resting)
         return np.sqrt(np.where(dots.repeated, jumps, updated))
-
-    def _add_jumps(self, dots: DotMeasurements) -> None:
-        jumps, repeats = (dots.angles - self._before) / dots.noise, self._dead_zone.repeats
-        ended = (repeats > 0) & ~dots.repeated & np.isfinite(jumps)
-        self._jumps.add_weighted(jumps[ended], repeats[ended])
-        self._before = dots.angles
 
 
 class DeadZone:

@@ -208,17 +208,16 @@ class NystromSteps:
     def _prepare(self, length: float) -> Fields:
         if length != self._prepared:
             self._prepared = length
-            self._step = length * DRIFTS, length * KICKS, self._decays(length)
+            decays = np.empty((2, 2, len(DRIFTS), 0))
+            if self._motion.damped and self._linear:
+                times = np.multiply.outer([length / 2, length], DRIFTS)[..., np.newaxis]
+                exponents = -self._decay_rates * times
+                divisors = np.where(exponents == 0, 1.0, exponents)
+                growth = np.where(exponents == 0, 1.0, np.expm1(exponents) / divisors)
+                decays = np.array([np.exp(exponents), times * growth]).swapaxes(0, 1)
+                decays = self._padded(decays)
+            self._step = length * DRIFTS, length * KICKS, decays
         return self._step
-
-    def _decays(self, length: float) -> Array:
-        if not (self._motion.damped and self._linear):
-            return np.empty((2, 2, len(DRIFTS), 0))
-        times = np.multiply.outer([length / 2, length], DRIFTS)[..., np.newaxis]
-        exponents = -self._decay_rates * times
-        divisors = np.where(exponents == 0, 1.0, exponents)
-        growth = np.where(exponents == 0, 1.0, np.expm1(exponents) / divisors)
-        return self._padded(np.array([np.exp(exponents), times * growth]).swapaxes(0, 1))
 
     def _padded(self, values: Array) -> Array:
         padding = padded_size(self._motion.rotors) - values.shape[-1]
