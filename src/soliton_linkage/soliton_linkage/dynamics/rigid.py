@@ -38,11 +38,9 @@ class RigidSettings(SimulationSettings):
     """If the smallest singular value of the rigidity matrix is below this times r [1], the error
     message of a failed step reports jammed bars."""
     longest_step: float = 100.0
-    """Longest solver step, divided by the frame period [1]. Sensitivity: no effect on run time and
-    energy drift at 0.5x or 2x."""
+    """Longest solver step, divided by the frame period [1]. Sensitivity: none at 0.5x or 2x."""
     max_corrections: int = 3
-    """Largest number of corrections of the energy after a step [1]. Sensitivity: no effect on the
-    energy drift with 1 or 6."""
+    """Largest number of energy corrections after a step [1]. Sensitivity: none with 1 or 6."""
 
 
 class RigidSimulation(Simulation):

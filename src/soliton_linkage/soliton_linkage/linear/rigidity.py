@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 VANISHING = 1e-280
-"""A product of lever and spring length is replaced by this [m^2/rad] if its absolute value is
-smaller, to avoid a division by 0."""
+"""Smaller products of lever and spring length are replaced by this [m^2/rad], as divisors."""
 _BLOCK = 500
 """Number of factors between 1/2 and 1 that are multiplied before the product is rescaled [1].
 Their product stays above 2^-1022, the smallest normal double."""

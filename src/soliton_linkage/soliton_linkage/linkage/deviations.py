@@ -98,8 +98,7 @@ OF_SPRINGS = ('spacing', 'stiffness', 'rest_length', 'non_reciprocity')
 """Names of the quantities that have one value per spring; all others have one value per rotor."""
 NO_DEVIATIONS = Deviations()
 _LARGEST_SPREAD = 0.5
-"""Largest allowed relative standard deviation [1]. At this limit, one random parameter in forty is
-negative."""
+"""Largest relative standard deviation [1]; one random parameter in forty is then negative."""
 
 
 def _spread(of: str) -> Any:

@@ -26,8 +26,7 @@ from soliton_linkage.orbit.seed_path import blocked_wall_error
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 
 _SAMPLES_A_SITE = 4
-"""A leg is sampled at this number of points per rotor [1] to bracket the arc lengths at which a
-bond has half of |t|^2 on its left."""
+"""Number of samples per rotor that bracket the walls with half of |t|^2 left of a bond [1]."""
 _SAME_MODE = 1 - 1e-6
 """The orbit is rejected if the scalar product of the tangent of a piece, which includes only
 rotors near the wall, and the zero mode of the whole chain is not above this [1], because a rotor

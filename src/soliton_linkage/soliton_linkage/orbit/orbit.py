@@ -14,8 +14,7 @@ from scipy.interpolate import PPoly
 from soliton_linkage.linkage.chain import Array, Chain
 
 _STEP = 1e-3
-"""Step of the arc length in the numerical derivative of the tangent [rad]. The error of the
-derivative is then 1e-6/rad."""
+"""Step of arc in the numerical derivative of the tangent [rad]; its error is then 1e-6/rad."""
 
 
 class OrbitSegment(NamedTuple):

@@ -26,8 +26,7 @@ _MOST_SPLITS = 8
 """Largest number of attempts to compute converged series [1]. After each attempt, the pieces whose
 series have not converged are halved. More attempts do not improve the convergence."""
 _ACCURACY = 1e-11
-"""A series has converged if the absolute values of its last two coefficients are below this
-[rad]."""
+"""A series has converged if its last two coefficients are below this in absolute value [rad]."""
 _STILL = 2e-11
 """A rotor counts as immobile in a piece if the absolute value of its component of the tangent is
 nowhere in the piece above this [1]. The limit is the rounding error of a series."""
@@ -40,8 +39,7 @@ _ROTORS_BESIDE = 6
 _NEWTON_STEPS = 30
 """Largest number of Newton steps in the search for the nodes of a series [1]."""
 _BATCH = 2_000_000
-"""Largest number of values that are computed together [1]; they need 16 MB. Larger batches are not
-faster."""
+"""Largest number of values in a batch [1], which need 16 MB; larger batches are not faster."""
 _MOST_NUMBERS = 20_000_000
 """A chain is rejected if more values than this [1] must be computed for its orbit. The computation
 of this many values takes about a minute."""

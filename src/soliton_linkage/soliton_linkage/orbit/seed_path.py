@@ -42,14 +42,12 @@ _SHORTEST_STEP = 1e-10
 """The wall counts as blocked if the bars do not allow a step of the seed longer than this [rad].
 The limit exceeds the rounding errors of the bar lengths."""
 _CLEAR_LEAD = 1e-9
-"""A rotor becomes the seed if its lead (see `_Seed.lead`) is above this [1]. The limit exceeds the
-rounding errors."""
+"""A rotor becomes the seed if its lead exceeds this [1], which is above rounding errors."""
 _NEGLIGIBLE_LEAD = -4.0
 """The search for the rotor with the largest lead ends at a rotor with a lead below this [1],
 because no rotor farther out moves more than e^4 times as much as this rotor."""
 _MOST_PIECES_A_ROTOR = 20
-"""A path with more pieces per rotor than this counts as not closed [1]. Closed paths have 4 pieces
-per rotor in flippers and 2 in spinners."""
+"""A path with more pieces per rotor [1] is not closed; closed ones have 4 (flippers) or 2."""
 
 
 class SeedPath(NamedTuple):

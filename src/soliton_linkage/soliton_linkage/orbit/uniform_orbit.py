@@ -36,11 +36,9 @@ _ROTORS_BESIDE = 6
 """Number of rotors on each side of the middle of the short chain that are added to those within
 `_DEPTHS_BESIDE` [1], because the penetration depth can be close to 0."""
 _TOLERANCE = 1e-9
-"""Largest error of a solver step, as the norm of the errors of all rotors [rad]. The errors of the
-orbit are then below 1e-6 rad."""
+"""Largest error norm of a solver step [rad]; errors of the orbit are then below 1e-6 rad."""
 _SAMPLES_A_STEP = 3
-"""Number of spline points per solver step [1]. The interpolation errors are then below the solver
-errors."""
+"""Number of spline points per solver step [1]; then solver errors exceed those of the spline."""
 _DEPTHS_OF_EDGE = 8.0
 """The effect of an edge on the site coordinate is computed up to a distance from the edge of this
 many penetration depths [1] plus two rotor spacings. Farther away, site and arc length are
@@ -51,8 +49,7 @@ penetration depth, whichever is larger [1]. The errors of sites are then 1e-6.""
 _STEP = 1e-5
 """Step of the site in the numerical derivative of the angles of a wall [rotor spacings]."""
 _SHORT = 0.3
-"""The last two solver steps of a piece of the orbit are merged if the last one is shorter than
-this share of the step before it [1]."""
+"""The last two steps of a piece are merged if their ratio of lengths is below this [1]."""
 _EXACT = 1e-12
 """The Newton search for the arc length at a site ends when a step is smaller than this [rad]."""
 _STEPS = 20

@@ -28,17 +28,14 @@ squared zero mode is below the rounding errors."""
 _MOST_BESIDE = 49_000
 """If a wall needs more rotors than this on each side [1], the chain is rejected."""
 _MOST_STEPS = 100_000
-"""Largest number of solver steps along an orbit [1]. A chain whose lean ratio d is near d_c needs
-one or two thousand steps."""
+"""Largest number of solver steps along an orbit [1]; near d_c, one or two thousand are needed."""
 _TRANSITION = 1e-9
 """If |d - d_c| / d_c is below this [1], the chain is rejected, because rounding errors could then
 change the sense of rotation."""
 _TOLERANCE = 1e-13
-"""Allowed relative [1] and absolute [rad] error of a solver step. The errors of arc lengths are
-then 1e-11 rad."""
+"""Relative [1] and absolute [rad] error of a step; errors of arc lengths are then 1e-11 rad."""
 _ARRIVED = 1e-4
-"""`follow_zero_mode` has reached its goal when no angle differs from it by more than twice this
-[rad]."""
+"""`follow_zero_mode` is at its goal when no angle differs by more than twice this [rad]."""
 
 
 def static_wall(chain: Chain, site: float, leg: int = 0, inverted: bool = False) -> Array:

@@ -32,8 +32,7 @@ _FIT_REACH = 4.0
 """The fit includes rotors up to this distance from the wall [wall widths] plus one rotor spacing.
 Farther away, 1 - |tanh| is below 7e-4."""
 WIDEST_LEAN_RATIO = 2.0
-"""No width is fitted to flippers with this lean ratio d or a larger one [1], because their walls
-have no tanh profile."""
+"""Flippers with this lean ratio d or a larger one have no tanh profile, and no width [1]."""
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,7 @@ from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.solitons.tanh_fit import find_solitons
 
 _EDGE_PART = 0.2
-"""Fraction of the chain at each end that a crossing does not include, because walls are reflected
-there [1]."""
+"""Fraction of the chain at each end, with reflections, that a crossing does not include [1]."""
 
 
 @dataclass(frozen=True)

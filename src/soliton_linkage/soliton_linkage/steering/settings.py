@@ -129,8 +129,7 @@ class SteeringSettings(CheckedQuantities):
     detection_timeout: float = quantity(
         0.2, 'time without a frame that shows the soliton, after which it is lost', 's', 0.0
     )
-    """Sensitivity: at 0.5x, a wall is lost in a gap of 0.15 s. At 2x, it is not lost in a gap of
-    0.35 s, and the error is the same."""
+    """Sensitivity: at 0.5x, a wall is lost in a gap of 0.15 s; at 2x, not in a gap of 0.35 s."""
 
     min_noise: float = quantity(
         3e-3, 'lower limit of the noise of an angle in the observer', 'rad', 1e-9

@@ -44,8 +44,7 @@ class AngleFrame:
     angles: Array
     """Unwrapped angles phi [rad], (N,)."""
     deviations: Array
-    """Standard deviations of the angles due to errors of the dots and of the positions of the
-    frame markers [rad], (N,)."""
+    """Standard deviations of angles due to errors of dots and frame markers [rad], (N,)."""
     masses: Array
     """Centres of the dots on the masses [pixels], (N, 2)."""
     pivots: Array

@@ -21,19 +21,16 @@ HIDDEN = -1
 _CANDIDATES = 6
 """Largest number of dots that are considered for one rotor."""
 _HIDDEN_COST = 14.0
-"""Cost of the state "hidden" [1], between the costs of dots with errors of 3 and of 4 standard
-deviations."""
+"""Cost of the state "hidden" [1], between those of errors of 3 and of 4 standard deviations."""
 _MAX_ANGLE_COST = 30.0
 """Largest cost of a difference from a predicted angle [1]; after kicks, predictions are wrong."""
 _MAX_BOND_COST = 12.0
-"""Limit of the cost of an unexpected bond length [1]. Without it, a wrong dot of one rotor would
-make the next rotor hidden."""
+"""Limit of the cost of a bond length [1]; without it, a wrong dot would hide the next rotor."""
 _PIVOT_COST = 8.0
 """Additional cost of a dot at the position of any pivot [1]. Such a dot is probably the dot of
 this pivot; about one in fifty is the dot of a mass."""
 _MAX_LENGTH_ERROR = 4.0
-"""A dot is a candidate for a rotor if its distance from the pivot differs from the rotor length by
-less than this [standard deviations]."""
+"""A candidate dot has a smaller error of its distance from the pivot [standard deviations]."""
 
 
 @dataclass(frozen=True)

@@ -35,18 +35,15 @@ MEMORY = 300
 _PRIOR_WEIGHT = 30.0
 """In an estimate, the expected mean square counts like this number of values [1]."""
 _MAX_VALUE = 5.0
-"""Values that exceed this times the root mean square are limited or ignored [1], because they
-probably belong to other dots."""
+"""Larger values, in units of the root mean square [1], are limited or ignored as other dots."""
 _MOVING = 0.1
-"""A dot counts as moving if its displacement between two pictures is larger than this [pixels];
-noise displaces it by a tenth of this."""
+"""A dot moves if its displacement between pictures exceeds this [pixels], ten times the noise."""
 _CODED_ERROR = 0.02
 """Smallest assumed error of moving dots in a video with a dead zone, before fast dots have been
 observed [pixels]; codecs ignore displacements of up to 0.02 to 0.1. Sensitivity in the first
 second: at 0.5x, errors are up to 1.4 times their deviations, at 2x 0.4 to 0.7 times."""
 _ORDER = 6
-"""Order of the divided differences [1]. With this order, the contribution of the true, smooth
-motion decreases to a thousandth."""
+"""Order of divided differences [1], which reduces the smooth motion to a thousandth."""
 _RECORDED_STEP = 0.4
 """Every usable video records a displacement of this size between two pictures [pixels]. Smaller
 displacements may be lost in the dead zone."""

@@ -39,15 +39,13 @@ _MAX_DISTANCE = 4.0
 _MAX_ITERATIONS = 6
 """Largest number of iterations [1]; it suffices for initial errors of less than a pixel."""
 _TOLERANCE = 3e-4
-"""The fit ends when a step of the centre is below this [pixels]; the remaining error is 1 % of
-noise."""
+"""The fit ends when a step of the centre is below this [pixels], which is 1 % of the noise."""
 _MAX_STEP = 0.7
 """Longest step of the centre [pixels]; over longer ones, the model is not linear."""
 _OFFSETS = 5
 """Number of offsets s_k along the path of a moving dot."""
 _HALF_WIDTH = 4.0
-"""The tables extend to this distance from an edge on both sides [blurs]; beyond it, constant
-values are used, with errors of 3e-5."""
+"""Half width of the tables around an edge [blurs]; the error of the rest is 3e-5."""
 _STEPS = 64
 """Number of points of the tables per blur; interpolation errors are below 1e-5."""
 _DISTANCES = np.arange(2 * int(_HALF_WIDTH) * _STEPS + 1) / _STEPS - _HALF_WIDTH

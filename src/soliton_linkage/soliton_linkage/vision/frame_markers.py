@@ -57,8 +57,7 @@ class PlacingErrors:
 
 
 _MAX_PICTURES = 1000
-"""Largest number of pictures over which the centres of dots are averaged, so that the mean follows
-slow motions of the frame."""
+"""Largest number of averaged pictures, so that the mean follows slow motions of the frame."""
 _FIT_PERIOD = 30
 """The plane is fitted in each of this many first pictures, and then once per so many pictures."""
 _MOTION_THRESHOLD = 6.0
@@ -74,8 +73,7 @@ partly hidden dots have larger residuals."""
 _MAX_SCALE_ERROR = 0.02
 """A difference between 1 and `print_scale` is reported if it is larger than this [1]."""
 _SEARCH_PERIOD = 60
-"""Number of pictures from one search for missing markers to the next; a search takes as long as
-the time between two pictures."""
+"""Period of searches for missing markers [pictures]; a search takes one picture period."""
 
 
 class FrameMarkers:

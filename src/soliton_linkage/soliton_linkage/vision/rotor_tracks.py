@@ -36,15 +36,13 @@ at most the second number of them [1]."""
 _PIVOT_TOLERANCE = 0.25
 """Largest distance of a pivot from its expected position, relative to the spacing [1]."""
 _SPACING_TOLERANCE = 0.4
-"""The distance between two pivots may differ from a multiple of the spacing by at most this
-fraction of the spacing [1]."""
+"""Largest error of pivot distances, as multiples of the spacing, in units of the spacing [1]."""
 _MIN_VISIBLE = 0.8
 """The pivots are numbered as soon as this fraction of them has been visible [1]."""
 _MAX_PIVOT_PICTURES = 1000
 """Largest number of averaged positions of a pivot, so that the mean follows slow motions."""
 _MAX_BLACK_COST = 4.0
-"""A dot counts as black if the cost of this colour is at most this [1]; it is the cost of an error
-of two standard deviations."""
+"""Largest cost of black for a black dot [1], that of an error of two standard deviations."""
 
 
 class RotorTracks:

@@ -40,8 +40,7 @@ WORK_ROWS = SAVED + 4
 """Number of rows of `work`."""
 
 LARGEST_TURN = 0.5
-"""Largest allowed rotation in a drift [rad]. Up to this rotation, the series in `turned` have no
-errors except rounding errors."""
+"""Largest rotation in a drift [rad]; up to it, the series in `turned` are exact up to rounding."""
 
 
 class Forces(NamedTuple):

@@ -117,13 +117,11 @@ class SolverSettings:
     torques within one step. Sensitivity: from 0.01 to 1, the same errors in such motions; at 0.5x,
     5 % more force evaluations for a wall that was kicked with 30 rad/s."""
     steps_until_exact: int = 1000
-    """Number of steps after which the cosines and sines are computed exactly again [1], because
-    rounding errors accumulate."""
+    """Number of steps after which cosines and sines are computed exactly again [1]."""
     shortest: float = 1e-6
     """The solver fails if the step is below this fraction of the longest stable step [1]."""
     trials: int = 60
-    """If this number of step lengths has been tried without success [1], the solver fails. One to
-    three trials are usual."""
+    """Largest number of step lengths that are tried [1]; one to three trials are usual."""
 
 
 DEFAULTS = SolverSettings()
@@ -248,8 +246,7 @@ class SymplecticNystrom(OdeSolver):
     """
 
     _tried = 4
-    """Number of steps after which the first step length is accepted [1]. The error of the last of
-    these steps is measured."""
+    """Number of steps, with a measured last one, after which the first length is accepted [1]."""
 
     n: int
     t: float
