@@ -76,10 +76,7 @@ def compile_loop(
     fastmath: frozenset[str] = FASTMATH_FLAGS,
     inlined: bool = False,
 ) -> Kernel:
-    """Return a function that is compiled now, for the types `arguments`, or at its first call.
-
-    An `inlined` function is compiled into its callers.
-    """
+    """Return a function that is compiled now for the types `arguments`, or at its first call."""
     options: dict[str, Any] = {
         'fastmath': set(fastmath),
         'error_model': 'numpy',

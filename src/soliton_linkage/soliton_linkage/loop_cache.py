@@ -2,9 +2,8 @@
 """Cache of compiled loops, with one checked file for each loop, signature and processor.
 
 The cache of numba has three faults. An empty or truncated index file raises an error at import.
-Two processes can write different loops to the same file. After a change of a function, numba does
-not recompile the loops of other modules that call this function. This cache uses private members
-of numba, because numba has no public interface for it.
+Two processes can write different loops to the same file. After a change of a function, the loops
+of other modules that call it are not recompiled. numba has no public interface for a cache.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Models of the actuators at the edges: interface, implementations and a registry by name.
 
-To add a model, write a frozen dataclass with the methods of `Actuator`, define its fields with
-`linkage.quantities.quantity`, and add the class to `ACTUATORS` under the name that selects it in
-the parameter `actuator` of the node.
+To add a model, write a frozen dataclass with the methods of `Actuator` and fields that are defined
+by `linkage.quantities.quantity`, and add it to `ACTUATORS` under its name in the parameter.
 """
 
 from __future__ import annotations
@@ -25,8 +24,7 @@ class PneumaticActuator(CheckedQuantities):
     """Soft actuator with first-order pressure dynamics; raises ValueError for invalid parameters.
 
     The pressure p [Pa] approaches a higher command with the time constant `filling_time`, and a
-    lower one with `venting_time`. The torque is the pressure times `torque_per_pressure`, limited
-    to at most `saturation_torque` in both directions.
+    lower one with `venting_time`. The torque is proportional to p, up to `saturation_torque`.
     """
 
     filling_time: float = quantity(0.03, 'time constant of a rising pressure', 's', 1e-4, 1e3)
@@ -111,9 +109,8 @@ class PneumaticActuator(CheckedQuantities):
     def pulse_command(self, impulse: float, duration: float) -> float:
         """Return the commanded pressure [Pa] of a pulse with a duration [s] and impulse [N m s].
 
-        With a commanded pressure u and the duration T, the impulse is k u [T + (tau_2 - tau_1) (1
-        - exp(-T / tau_1))], where k is `torque_per_pressure`. tau_1 is the time constant from 0 to
-        u, and tau_2 the time constant from u back to 0.
+        With a pressure u, the duration T, the time constants tau_1 from 0 to u and tau_2 back to
+        0, and k = `torque_per_pressure`, it is k u [T + (tau_2 - tau_1) (1 - exp(-T / tau_1))].
         """
         towards, back = self._time_constant(impulse), self._time_constant(-impulse)
         effective_duration = duration - (back - towards) * math.expm1(-duration / towards)

@@ -66,10 +66,9 @@ class ChainDriver:
         self._pending.append(_PendingCommand(source, begin, command))
 
     def play(self, source: str, command: EdgeCommand, rotor: int, limit: float) -> None:
-        """Start a waveform on a rotor, in place of the previous edge command.
+        """Start a waveform on a rotor, in place of the previous edge command; see `RotorDrive`.
 
-        The torques are limited to `limit` [N m]. Raises ValueError if the command has no waveform,
-        and the errors of `EdgeCommand.profile`.
+        Raises ValueError if the command has no waveform, and the errors of `EdgeCommand.profile`.
         """
         if command.waveform is None:
             raise ValueError(f'a {command.kind.value} is no waveform; call command')

@@ -48,8 +48,8 @@ class EdgeCommand:
 
     Raises ValueError for a duration or ramps that the kind does not allow. The commanded quantity
     rises from 0 to `value` in `ramp_up` [s], is constant for `duration` [s], and falls to 0 in
-    `ramp_down` [s]. A pressure with duration 0 acts until the next command. For the kind WAVEFORM,
-    the commanded quantity is `value` times the `waveform`.
+    `ramp_down` [s], or is `value` times the `waveform`. A pressure with duration 0 acts until the
+    next command.
     """
 
     edge: Edge

@@ -36,8 +36,7 @@ class Profile:
     """Piecewise linear function of time.
 
     The value is 0 before the first point and constant after the last point. Two points at one
-    instant define a jump. Raises ValueError for decreasing instants, for infinite or NaN entries,
-    and if the arrays differ in length.
+    instant define a jump. Raises ValueError for decreasing instants and for invalid arrays.
     """
 
     times: Array

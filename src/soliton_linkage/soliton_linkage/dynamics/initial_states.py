@@ -44,9 +44,8 @@ def with_soliton(chain: Chain, site: float, velocity: float) -> State:
     The angles are those of `static_wall` with `leg` 0. For a velocity v, the rates are the zero
     mode times Lambda v / a, where Lambda is the arc length of the zero-energy orbit per rotor
     spacing a. This state is exact for rigid bars. With springs the wall contracts and radiates, so
-    that its speed decreases. In the example chains, the speed decreases by 0.4 to 4 % at 0.2 c and
-    by 3 to 42 % at 0.6 c, where c is the speed of sound. Raises ValueError for a velocity that is
-    not finite, and the errors of `static_wall`.
+    that its speed decreases: in the example chains by 0.4 to 4 % at 0.2 c and by 3 to 42 % at 0.6
+    c, where c is the speed of sound. Raises the errors of `static_wall`, and ValueError for NaN.
     """
     from soliton_linkage.solitons.static_wall import site_arc, static_wall
 

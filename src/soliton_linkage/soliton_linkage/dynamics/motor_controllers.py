@@ -11,11 +11,8 @@ divided by the time between them. The torque on the coordinate of rotor n is
 with the gains of `Feedback`: K and D for the rotor itself, K_l and D_l for its left neighbour, K_r
 and D_r for its right neighbour. Differences of coordinates are wrapped to the interval from -pi to
 pi. At a free end, the terms of the missing neighbour are omitted. All gains of a motor are
-multiplied by 1 plus the relative deviation of `feedback` for this motor. The absolute value of the
-torque is limited to `Feedback.limit`.
-
-`Simulation` and the node `serial_encoders` compute the same law, so that a chain with motors can
-be simulated and built with the same parameters.
+multiplied by 1 plus its relative deviation of `feedback`. The absolute value of the torque is
+limited to `Feedback.limit`. `Simulation` and the node `serial_encoders` compute the same law.
 """
 
 from __future__ import annotations

@@ -57,10 +57,9 @@ class RigidSimulation(Simulation):
     def link_torques(self) -> Array:
         """Torque of the bars on each rotor in the current frame [N m], shape (N,).
 
-        With the rigidity matrix R, the torque is R^T s. The bar forces s are the solution of R
-        I^-1 R^T s = -(l_ddot + R I^-1 torques), where l_ddot are the second derivatives of the
-        lengths for phi_ddot = 0. Raises LinAlgError, which is a ValueError, if this equation has
-        no unique solution because the bars are jammed.
+        It is R^T s with the rigidity matrix R. The bar forces s are the solution of R I^-1 R^T s =
+        -(l_ddot + R I^-1 torques), where l_ddot are the second derivatives of the lengths for
+        phi_ddot = 0. Raises LinAlgError, which is a ValueError, if the bars are jammed.
         """
         chain, angles, rates = self.chain, self.angles, self.rates
         first, second = rigidity_bands(chain, angles)
@@ -200,8 +199,7 @@ def _centripetal(chain: Chain, angles: Array, rates: Array) -> Array:
 def mode_of_bars(angles: Array, lengths: Array, spacings: Array, inertias: Array) -> Array:
     """Return the zero mode with sum_n I_n t_n^2 = 1 [kg^(-1/2) m^(-1)], shape (N,).
 
-    `lengths` and `spacings` [m] are the rotor lengths and the distances between the pivots.
-    Intermediate results do not overflow or underflow.
+    The arguments have the units rad, m, m and kg m^2. Intermediate results do not overflow.
     """
     rotors = angles.size
     mode, exponents = np.empty(rotors), np.empty(rotors, np.int64)

@@ -16,8 +16,7 @@ from soliton_linkage.linkage.chain import Array, Chain
 def work_of_impulse(chain: Chain, rates: Array, impulses: Array) -> float:
     """Return the work [J] of impulses J [N m s], shape (N,), on the rotors of a chain of springs.
 
-    With the moments of inertia I, the rates phi_dot [rad/s] change by J / I. Therefore the work is
-    J^T phi_dot + sum_n J_n^2 / (2 I_n).
+    With the rates phi_dot [rad/s] and the moments of inertia I, it is J^T (phi_dot + J / (2 I)).
     """
     return float(impulses @ (rates + impulses / (2 * chain.moments_of_inertia)))
 

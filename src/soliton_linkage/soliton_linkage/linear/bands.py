@@ -43,8 +43,7 @@ def bloch_matrix(chain: Chain, wave_numbers: ArrayLike, lean: int = 1) -> Comple
     With q+ and q- of `couplings`, R(k) = -[[q+, q-], [q- e^(2 i k a), q+]] maps changes of the
     staggered angles of the two rotors of a cell to the extensions of the two springs of the cell.
     Wave numbers [rad/m] must be finite and may be complex. In the paper (section 1), the phase
-    factor is in the lower right corner. With the phase factor there, the winding numbers of the
-    right-leaning and the left-leaning state are exchanged.
+    factor is in the lower right corner, which exchanges the winding numbers of the two states.
     """
     plus, minus = couplings(chain, lean)
     phases = _phases(chain, np.asarray(wave_numbers, dtype=np.complex128))
@@ -188,10 +187,9 @@ def continuum_tail(chain: Chain) -> Tail:
 def zero_mode_wave_number(chain: Chain, lean: int = 1) -> complex:
     """Return the complex wave number k of the zero mode [rad/m], with e^(i k a) = -q+ / q-.
 
-    The imaginary part is -1 / ell in the right-leaning and 1 / ell in the left-leaning state,
-    where ell is the penetration depth. The real part is 0 for d < 1 and pi / a for d > 1. For
-    small d, 1 / ell tends to omega_0 / c, with the gap omega_0 and the speed of sound c; the paper
-    (section 1) has k = sqrt(-omega_0) / c.
+    The imaginary part is -1 / ell in the right-leaning and 1 / ell in the left-leaning state, with
+    the penetration depth ell. The real part is 0 for d < 1 and pi / a for d > 1. For small d, 1 /
+    ell tends to omega_0 / c; the paper (section 1) has k = sqrt(-omega_0) / c.
     """
     plus, minus = couplings(chain, lean)
     depth = penetration_depth(chain)

@@ -3,9 +3,8 @@
 
 Let R be the rigidity matrix, I and k_e the diagonal matrices of the moments of inertia and the
 stiffnesses, and B = k_e^(1/2) R I^(-1/2). The modes are the right singular vectors of B, and the
-angular frequencies are its singular values. The rounding errors of the frequencies are about 1e-16
-of the largest frequency. If the frequencies were computed from the eigenvalues of B^T B, the
-errors would be 1e-8 of the largest frequency.
+angular frequencies are its singular values. Their rounding errors are about 1e-16 of the largest
+frequency; from the eigenvalues of B^T B, they would be 1e-8.
 """
 
 from __future__ import annotations
@@ -45,8 +44,8 @@ class NormalModes:
 def normal_modes(chain: Chain, angles: ArrayLike) -> NormalModes:
     """Return the normal modes about a configuration in which all springs are relaxed.
 
-    With free ends, the zero mode is the first mode. Takes a time O(N^3) and a memory O(N^2).
-    Raises ValueError if a spring is stretched.
+    With free ends, the zero mode is the first mode. Takes a time O(N^3). Raises ValueError if a
+    spring is stretched.
     """
     matrix = _weighted_rigidity_matrix(chain, _relaxed(chain, angles))
     _, singular, rows = svd(matrix)
@@ -99,9 +98,8 @@ def mode_density(frequencies: ArrayLike, edges: ArrayLike) -> Array:
 def mode_energies(modes: NormalModes, displacements: ArrayLike, rates: ArrayLike) -> Array:
     """Return the energy of each mode [J], E_j = (eta_j_dot^2 + omega_j^2 eta_j^2) / 2, (..., N).
 
-    The mode coordinates are eta = shapes^T diag(I) dphi, with the `displacements` dphi [rad] of
-    shape (..., N). Their rates eta_dot follow from `rates` [rad/s] in the same way. Raises
-    ValueError if the last axis does not have N elements.
+    The mode coordinates are eta = shapes^T diag(I) dphi with the `displacements` dphi [rad], (...,
+    N), and eta_dot follows from `rates` [rad/s]. Raises ValueError for another length than N.
     """
     coordinates = _coordinates(modes, displacements, 'displacements')
     speeds = _coordinates(modes, rates, 'rates')

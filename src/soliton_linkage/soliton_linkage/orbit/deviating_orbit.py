@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Orbit of a chain with known deviations of its rotors and springs.
 
-The site coordinate of a wall in this chain is that of the corresponding configuration of the
-uniform chain, which has no deviations. Let t be the zero mode. In each leg (see `Orbit`), two
-configurations of the two chains correspond if the same bond has half of |t|^2 on its left. The
-ends of the legs also correspond. A monotonic cubic spline through these pairs converts the arc
-length on one orbit to the arc length on the other.
+The site coordinate of a wall is that of the corresponding configuration of the uniform chain,
+which has no deviations. In each leg (see `Orbit`), configurations of the two chains correspond if
+the same bond has half of |t|^2 on its left, with the zero mode t; the ends of the legs also
+correspond. A monotonic cubic spline through these pairs converts the arc lengths.
 """
 
 from __future__ import annotations

@@ -64,8 +64,7 @@ class Orbit(ABC):
 
     An edge rotor of a flipper is toggled if its lever has not the sign that it has in the
     left-leaning state (staggered angles theta = -theta_bar). In leg 0, no edge rotor is toggled. A
-    chain that is assembled upside down has the angles pi - phi in place of phi. Angles are
-    equivalent if they differ by whole turns.
+    chain that is assembled upside down has the angles pi - phi in place of phi.
     """
 
     chain: Chain

@@ -4,8 +4,7 @@
 In the middle of the short chain, the wall passes two rotors. In a longer chain, this passage
 repeats, shifted by two rotors each time. The orbit of the short chain is integrated from the
 middle of one leg, through the reflection at the last rotor, to the middle of the next leg. The
-rest of the orbit, with the reflection at the first rotor, is the mirror image of this part.
-`static_wall` defines the site coordinate.
+rest of the orbit is the mirror image of this part. `static_wall` defines the site coordinate.
 """
 
 from __future__ import annotations
@@ -163,8 +162,8 @@ class _HalfLegs(NamedTuple):
     def mirrored(self, chain: Chain) -> _HalfLegs:
         """Return the mirror image, n -> N - 1 - n and phi -> -phi, in the order along the orbit.
 
-        The mirror image of a spinner with odd N or a flipper with even N is assembled upside down.
-        It is therefore also turned over, phi -> pi - phi.
+        Mirrored spinners with odd N and flippers with even N are also turned over, phi -> pi -
+        phi, because they are upside down.
         """
         spinner, odd = chain.motion is Motion.SPINNER, chain.number_of_rotors % 2 == 1
         angles, tangents = self.angles[:, ::-1], self.tangents[:, ::-1]

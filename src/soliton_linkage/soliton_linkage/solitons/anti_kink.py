@@ -5,8 +5,7 @@ The energy depends on the site, so that a constraint with the force p must hold 
 
     grad V(phi) = p grad sum_n F_n(phi),    sum_n F_n(phi) = N - 1 - 2 x,
 
-where N is the number of rotors and F_n is the field of `constraint_field`. An anti-kink counts as
-pinned if one of these states is unstable.
+with the field F_n of `constraint_field`. It is pinned if one of these states is unstable.
 """
 
 from __future__ import annotations
@@ -38,9 +37,8 @@ the largest diagonal element of H [1]. Rounding errors are smaller."""
 def anti_kink_path(chain: Chain, begin: float) -> tuple[Array, Array]:
     """Return K sites of an anti-kink [rotor spacings] and the angles at each site [rad], (K, N).
 
-    The sites increase from `begin` to `begin` + 2 in proportion to the arc length of the path.
-    Then the path repeats, shifted by two rotors. The anti-kink must be far from the edges. Raises
-    ArithmeticError if the anti-kink is pinned.
+    The sites, far from the edges, increase from `begin` to `begin` + 2 with the arc length. Then
+    the path repeats, shifted by two rotors. Raises ArithmeticError if the anti-kink is pinned.
     """
     angles, multiplier = continuum_anti_kink(chain, begin), 0.0
     found = []
@@ -70,9 +68,8 @@ def barrier_speed(chain: Chain, sites: Array, states: Array) -> float:
 def resting_anti_kink(chain: Chain, near: float) -> tuple[float, Array]:
     """Return the site [rotor spacings] and angles [rad], (N,), of an anti-kink in equilibrium.
 
-    The search for the equilibrium starts at the site `near`. The edge rotors are held at the
-    angles that they have in the uniform states. A flipper has two equilibria per rotor spacing;
-    the result is the one with the smaller energy.
+    The search starts at the site `near`. The edge rotors are held at their uniform angles. Of the
+    two equilibria of a flipper per rotor spacing, the result has the smaller energy.
     """
     starts = (near,) if chain.motion is Motion.SPINNER else (near, near + 0.5)
     found = [_minimum(chain, continuum_anti_kink(chain, start)) for start in starts]

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Walls at rest, and the arc length of the orbit per rotor spacing.
 
-For a given angle of its neighbour, a rotor can have two angles, because the bar between them has a
-fixed length. These two solutions are called branches. The sign of one lever of the bar selects a
-branch: the sign of B_n on the right of the wall, and of A_n on its left. Errors decay outwards
-from the wall as fast as the zero mode.
+For a given angle of its neighbour, the bar between them allows two angles of a rotor (branches).
+The sign of a lever selects one: that of B_n on the right of the wall, and of A_n on its left.
+Errors decay outwards from the wall as fast as the zero mode.
 """
 
 from __future__ import annotations

@@ -256,10 +256,7 @@ def _sech_squared(argument: ArrayLike) -> Array:
 
 
 def _deviation(residual: Array, parameters: int, information: float) -> float:
-    """Return the standard deviation of a fitted parameter; NaN if `residual` has too few values.
-
-    `information` is the element of J^T J for this parameter, with the Jacobian J.
-    """
+    """Return the deviation of a parameter, whose element of J^T J is `information`, or NaN."""
     freedom = len(residual) - parameters
     if freedom < 1 or information <= 0:
         return math.nan

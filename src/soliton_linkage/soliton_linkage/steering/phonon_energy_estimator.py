@@ -7,8 +7,7 @@ of the energy of phonons is kinetic. Therefore,
     E = < I |phi_dot - t (t^T phi_dot)|^2 > - I (N - 1) sigma^2
 
 with the average < > over time, the rates phi_dot and the moment of inertia I of a rotor. The
-standard deviation sigma of a rate is estimated from third differences of the rates in successive
-frames. Such a difference has the variance 20 sigma^2.
+variance of third differences of the rates in successive frames is 20 sigma^2.
 """
 
 from __future__ import annotations

@@ -89,8 +89,7 @@ class Steering:
     """Controller that estimates a wall in each frame and returns the torques that move it.
 
     Call `torques` once after each call of `observe`. The torques are 0 before the first `move`.
-    After a move the wall is held until the next move or `release`. If the frames no longer show
-    the wall, the controller releases it.
+    After a move the wall is held until the next move, `release`, or the loss of the wall.
     """
 
     def __init__(

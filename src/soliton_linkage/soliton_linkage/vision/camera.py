@@ -136,8 +136,8 @@ class Calibration:
 def calibrate(pictures: Iterable[Picture], columns: int, rows: int, square: float) -> Calibration:
     """Calibrate a camera with pictures of a chessboard of `columns` x `rows` inner corners.
 
-    Squares have the side `square` [m]. Raises ValueError if fewer than 3 pictures show the whole
-    chessboard, or if the sizes of the pictures differ.
+    Squares have the side `square` [m]. Raises ValueError if fewer than 3 pictures of one size show
+    the whole chessboard.
     """
     cv2 = opencv()
     found: list[Array] = []

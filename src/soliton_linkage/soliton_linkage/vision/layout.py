@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Positions, sizes and colours of the markers of a chain.
 
-Each pivot has a black dot on a white label. Each mass has a dot in red, green or blue, in turn, on
-a white label. ArUco markers on the frame have black dots beyond their corners. These dots define
-the plane of the chain, and the markers identify them.
+Pivots have black dots on white labels, and masses have dots in red, green and blue, in turn. ArUco
+markers on the frame identify black dots beyond their corners, which define the plane of the chain.
 """
 
 from __future__ import annotations

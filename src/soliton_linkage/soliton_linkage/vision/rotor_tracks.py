@@ -120,8 +120,7 @@ class RotorTracks:
     def unwrap(self, times: Array, angles: Array) -> Array:
         """Return the angles [rad], (N,), plus the whole turns that the rotors have made.
 
-        A rotor of a spinner that was hidden for long is assumed to have made as many turns as its
-        neighbours. Flippers make no whole turns.
+        In a spinner, a rotor that was hidden for long is assumed to turn as its neighbours do.
         """
         expected, deviations = self.predict_angles(times)
         known = np.isfinite(angles) & (deviations < _MAX_DEVIATION)

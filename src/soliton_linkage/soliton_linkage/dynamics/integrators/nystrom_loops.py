@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compiled loops of `symplectic_nystrom`; the docstring of that module contains the equations.
 
-A drift rotates a rotor by a small angle. Polynomials approximate the cosine and sine of this
-angle, so that the compiler can vectorise all loops. The array `work` has the rows of the module
-`terms` and, after them, the rows below.
+Polynomials approximate cosine and sine of the rotation in a drift, so that the compiler can
+vectorise all loops. The array `work` has the rows of the module `terms`, then the rows below.
 """
 
 from __future__ import annotations
@@ -77,8 +76,7 @@ class Step(NamedTuple):
 class Checks(NamedTuple):
     """Tolerances, and indices of the steps whose error is measured.
 
-    The error of a step is the root mean square, over all variables y, of the error of y divided by
-    absolute + relative abs(y), as in scipy's solvers.
+    The error of a step is the root mean square of errors of y / (absolute + relative abs(y)).
     """
 
     absolute: Array
@@ -126,10 +124,7 @@ def kick(work: Array, forces: Forces, time: float) -> None:
 
 @inlined
 def decay(work: Array, forces: Forces, decays: Array, stage: int) -> float:
-    """Apply linear damping in a drift: update RATES, set TURNS, return the dissipated energy [J].
-
-    `decays` are the `Step.decays` of a half or a whole step. `stage` is the index of the drift.
-    """
+    """Apply linear damping in a drift: set RATES and TURNS, return the dissipated energy [J]."""
     dissipated = 0.0
     for n in range(forces.half_inertias.size):
         rate, factor = work[RATES, n], decays[0, stage, n]
