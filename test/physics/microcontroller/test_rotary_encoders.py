@@ -53,7 +53,7 @@ def test_values_out_of_range_are_rejected():
     for given, complaint in [
         ({'counts_per_turn': (0.0,)}, 'counts_per_turn = 0 must be 1 or more'),
         ({'signs': (2.0,)}, 'sign of an encoder = 2 must be 1 or -1'),
-        ({'offsets': (math.inf,)}, 'offset of an encoder = inf rad'),
+        ({'offsets': (math.inf,)}, 'offset of rotor 0 = inf rad'),
     ]:
         with pytest.raises(ValueError, match=complaint):
             RotaryEncoders(**given)

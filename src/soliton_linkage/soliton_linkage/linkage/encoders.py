@@ -36,7 +36,7 @@ class EncoderErrors:
 
     def __post_init__(self) -> None:
         check_quantities(self)
-        _check_offsets(self.offsets)
+        check_offsets(self.offsets)
 
     @property
     def none(self) -> bool:
@@ -56,7 +56,7 @@ class KnownEncoders:
     )
 
     def __post_init__(self) -> None:
-        _check_offsets(self.offsets)
+        check_offsets(self.offsets)
 
 
 class Encoders:
@@ -106,7 +106,8 @@ def check_one_each(offsets: Sequence[float], number_of_rotors: int) -> None:
         )
 
 
-def _check_offsets(offsets: Sequence[float]) -> None:
+def check_offsets(offsets: Sequence[float]) -> None:
+    """Raise ValueError for an offset [rad] that is not finite or too large."""
     for rotor, offset in enumerate(offsets):
         if not abs(offset) <= LARGEST_ANGLE:
             raise ValueError(

@@ -12,7 +12,8 @@ import numpy as np
 
 from soliton_linkage.identification.mounting import in_degrees
 from soliton_linkage.linkage.chain import Array
-from soliton_linkage.linkage.quantities import LARGEST_ANGLE, check_quantities, quantity
+from soliton_linkage.linkage.encoders import check_offsets
+from soliton_linkage.linkage.quantities import check_quantities, quantity
 from soliton_linkage.microcontroller.device_clock import DeviceClock
 from soliton_linkage.microcontroller.frames import READINGS, SEQUENCES, FrameKind, SerialFrame
 
@@ -47,12 +48,7 @@ class RotaryEncoders:
         for sign in self.signs:
             if sign not in (1, -1):
                 raise ValueError(f'sign of an encoder = {sign:g} must be 1 or -1')
-        for offset in self.offsets:
-            if not abs(offset) <= LARGEST_ANGLE:
-                raise ValueError(
-                    f'offset of an encoder = {offset:g} rad must lie in the range '
-                    f'{-LARGEST_ANGLE:g} to {LARGEST_ANGLE:g} rad'
-                )
+        check_offsets(self.offsets)
 
     def check_fit(self, rotors: int) -> None:
         """Raise ValueError if the number of values of a field does not match the rotors."""

@@ -75,8 +75,8 @@ class UniformOrbit(Orbit):
         self.chain = replace(chain, deviations=NO_DEVIATIONS)
         self.number_of_legs = 2 if chain.motion is Motion.SPINNER else 4
         self.site_arc = site_arc(chain)
-        # The edges of the short chain do not affect a wall in its middle. Chains with other masses,
-        # springs or motors have the same short chain, whose orbit is then cached once.
+        # The edges of the short chain do not affect a wall in its middle. Chains that differ in
+        # masses, springs or motors have the same short chain, whose orbit is cached once.
         depth = penetration_depth(chain) / chain.spacing
         beside = math.ceil(_DEPTHS_BESIDE * depth) + _ROTORS_BESIDE
         shortest = min(chain.number_of_rotors, 2 * beside + chain.number_of_rotors % 2)

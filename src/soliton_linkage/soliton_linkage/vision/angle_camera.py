@@ -63,7 +63,8 @@ class AngleFrame:
 def hidden_frame(rotors: int, delay: float, status: str) -> AngleFrame:
     """Return a frame in which all rotors are hidden; `status` is the reason."""
     none, nowhere = np.full((2, rotors), np.nan), np.full((2, rotors, 2), np.nan)
-    return AngleFrame(delay, *none, *nowhere, np.zeros((0, 2)), status)
+    no_dots = np.zeros((0, 2))
+    return AngleFrame(delay, none[0], none[1], nowhere[0], nowhere[1], no_dots, status)
 
 
 class AngleCamera:
