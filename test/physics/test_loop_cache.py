@@ -153,6 +153,14 @@ def test_changes_of_a_loop_and_of_a_named_tuple_in_another_module_compile_the_ca
         assert warm.run(f'{RUN}; import pairs; print(pairs.first(1.0))') == (result, [])
 
 
+def test_a_called_function_that_moves_to_another_module_compiles_the_caller_again(loops):
+    assert loops.run() == (RIGHT, [])
+    (loops.folder / 'parts.py').rename(loops.folder / 'pieces.py')
+    moved = LOOPS.replace('parts', 'pieces')
+    (loops.folder / 'loops.py').write_text(moved, encoding='utf-8')
+    assert loops.run() == (RIGHT, [])
+
+
 def test_a_second_process_compiles_nothing_even_with_other_comments_and_docstrings(warm):
     files = warm.files()
     assert files
