@@ -50,10 +50,7 @@ connect two chains in `joined`. Their rest length is so large that they never ha
 
 
 def joined(chains: Sequence[Chain]) -> Chain:
-    """Return one chain that contains the rotors of several chains with free ends.
-
-    Springs with stiffness 0 connect the chains, which must all have the same force terms.
-    """
+    """Return a chain of several free chains with equal force terms, joined by springs of 0 N/m."""
     first = chains[0]
     if len(chains) == 1:
         return first

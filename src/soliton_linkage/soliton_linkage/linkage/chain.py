@@ -182,10 +182,7 @@ class Chain:
 
     @cached_property
     def wall_width(self) -> float:
-        """Width w of a slow wall in the continuum theory [m].
-
-        It is a^2 / (2 r sin(theta_bar)) for flippers (phi^4) and r sin(theta_bar) for spinners.
-        """
+        """Width of a slow wall [m], a^2 / (2 r sin(theta_bar)); r sin(theta_bar) in spinners."""
         lean = self.rotor_length * math.sin(self.rest_angle)
         return lean if self.motion is Motion.SPINNER else self.spacing**2 / (2 * lean)
 
