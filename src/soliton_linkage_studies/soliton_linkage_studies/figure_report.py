@@ -76,7 +76,7 @@ class Comparison:
     measured: float
     """Value measured on the simulated chain."""
     stated: float = math.nan
-    """Theoretical value if `theory` is a text; NaN if there is no such value."""
+    """Theoretical value if `theory` is a text; NaN if no value is known."""
 
     @property
     def expected(self) -> float:

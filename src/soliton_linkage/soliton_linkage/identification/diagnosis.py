@@ -36,7 +36,7 @@ _WEAK = 0.1
 
 
 def unexplained(noise: float, spreads: tuple[float, float]) -> list[str]:
-    """Return a text for each limit that a fitted model exceeds; arguments of `check_explained`."""
+    """Return a text for each limit exceeded by a model; arguments as in `check_explained`."""
     lengths, masses = spreads
     faults = []
     if noise > UNEXPLAINED:

@@ -56,7 +56,8 @@ def anti_kink_path(chain: Chain, begin: float) -> tuple[Array, Array]:
 def barrier_speed(chain: Chain, sites: Array, states: Array) -> float:
     """Return the least speed of an anti-kink that moves from site to site [spacings/s].
 
-    `sites` and `states` are the result of `anti_kink_path`. A slower one oscillates in a well.
+    A slower anti-kink does not cross the maxima of the energy between the sites. `sites` and
+    `states` are the result of `anti_kink_path`.
     """
     barrier = float(np.ptp([chain.elastic_energy(each) for each in states]))
     steps = np.diff(states, axis=0) / np.diff(sites)[:, None]

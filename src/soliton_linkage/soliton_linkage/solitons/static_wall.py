@@ -278,7 +278,7 @@ def _rotors_beside(chain: Chain) -> int:
 
 
 class _SitePassage:
-    """Motion of a wall past one rotor, over one rotor spacing with the arc length `arc` [rad]."""
+    """Motion of a wall by one rotor spacing, past one rotor, with its arc on the orbit [rad]."""
 
     def __init__(self, chain: Chain, leg: int, odd: bool) -> None:
         beside = _rotors_beside(chain)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Errors of dots that are not pixel noise: compression, repeated pixels and dead zone of a video.
+"""Position errors of dots by the compression, repeated pixels and dead zone of a video.
 
 A mass stays on a circle around its pivot. Changes of its distance from the pivot are therefore
 errors, and errors along the circle are assumed to be equally large. A codec repeats pixels exactly

@@ -231,8 +231,8 @@ def launch_speed(chain: Chain, share: float) -> float:
 def steady_wall(chain: Chain, leg: int, share: float) -> SteadyWall:
     """Return a wall without phonons that moves at the speed `share` [speed of sound].
 
-    If such a wall is destroyed, slower walls are tried. Raises ArithmeticError if all are
-    destroyed.
+    If a wall of this speed breaks up in the simulation, slower walls are tried, and the first
+    one that survives is returned. Raises ArithmeticError if all break up.
     """
     speed = launch_speed(chain, share)
     for _ in range(_TRIES):

@@ -32,7 +32,10 @@ Boxes = NDArray[np.int64]
 
 
 class Pixels(NamedTuple):
-    """Point (x, z) of the rotor plane that each pixel shows, and its blur [m], (height, width)."""
+    """Points (x, z) of the rotor plane that the pixels show, and standard deviation of the blur [m].
+
+    Each array has the shape (height, width).
+    """
 
     x: Array
     z: Array

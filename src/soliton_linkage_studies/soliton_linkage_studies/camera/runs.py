@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Films of chains, ideal or handmade, and the errors of the angles measured in them."""
+"""Films of ideal and of handmade chains, and the errors of the angles measured in them."""
 
 from __future__ import annotations
 

@@ -394,7 +394,7 @@ class SymplecticNystrom(OdeSolver):
     def _update_limits(self) -> None:
         """Set the rate of the fastest rotor [rad/s], and the longest stable step [s].
 
-        In the longest step, no drift exceeds LARGEST_TURN.
+        With this longest step, no rotor turns by more than LARGEST_TURN in a drift.
         """
         rotors = self._motion.rotors
         self._fastest = float(np.abs(self.y[rotors : 2 * rotors]).max())
