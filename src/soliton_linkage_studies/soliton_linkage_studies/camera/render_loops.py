@@ -32,9 +32,9 @@ Boxes = NDArray[np.int64]
 
 
 class Pixels(NamedTuple):
-    """Points (x, z) of the rotor plane that the pixels show, and standard deviation of the blur [m].
+    """Points (x, z) of the rotor plane that the pixels show [m].
 
-    Each array has the shape (height, width).
+    `spread` is the standard deviation of the blur [m]. The shape is (height, width).
     """
 
     x: Array
