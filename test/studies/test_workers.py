@@ -259,12 +259,12 @@ class Clock:
     def __init__(self, monkeypatch: pytest.MonkeyPatch, seconds: list[float]) -> None:
         self.now = 0.0
 
-        def cells_of(_study: SweepStudy, rows: list[int]) -> list[list[str]]:
-            self.now += sum(seconds[row] for row in rows)
-            return [[str(row)] for row in rows]
+        def cells(_study: SweepStudy, row: int) -> list[str]:
+            self.now += seconds[row]
+            return [str(row)]
 
         monkeypatch.setattr(study_workers, 'time', self)
-        monkeypatch.setattr(SweepStudy, 'cells_of', cells_of)
+        monkeypatch.setattr(SweepStudy, 'cells', cells)
 
     def perf_counter(self) -> float:
         return self.now

@@ -4,15 +4,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from itertools import groupby
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from soliton_linkage.dynamics.ensemble import ThisThread, simulate_many
-from soliton_linkage.dynamics.initial_states import State
+from soliton_linkage.dynamics.elastic import ElasticSimulation
 from soliton_linkage.dynamics.rigid import RigidSimulation
 from soliton_linkage.linear.bands import penetration_depth
 from soliton_linkage.linear.rigidity import Edge, edge_mode, mode_centre, rigidity_bands, zero_mode
@@ -188,36 +186,29 @@ class SentWall(NamedTuple):
 class Measure:
     """Measurement on a chain; a picture shows one of the measured columns."""
 
-    take: Callable[[Chain, SweepTrial, SentWall | None], dict[str, Value]]
+    take: Callable[[Chain, SweepTrial], dict[str, Value]]
     columns: tuple[str, ...]
     """Names of the values that `take` returns."""
     shown: str
     """Name of the column that the picture shows."""
     label: str
-    sends_wall: bool = True
-    """Whether the measurement of an elastic chain needs the result of `send_wall`."""
     classes: tuple[str, ...] = ()
     """Possible values of the column `shown`, best first; empty if this column contains numbers."""
 
 
-def measure_motion(
-    chain: Chain, _trial: SweepTrial, _sent: SentWall | None = None
-) -> dict[str, Value]:
+def measure_motion(chain: Chain, _trial: SweepTrial) -> dict[str, Value]:
     """Return the motion class, and the number of bonds that may stop a wall."""
     motion, obstacles = motion_of_bonds(chain), int(blocked_bonds(chain).sum())
     return {'motion': motion.value if motion else BLOCKED, 'obstacles': obstacles}
 
 
-def measure_speed(
-    chain: Chain, trial: SweepTrial, sent: SentWall | None = None
-) -> dict[str, Value]:
+def measure_speed(chain: Chain, trial: SweepTrial) -> dict[str, Value]:
     """Measure the outcome, the speed and the phonon energy of a wall kicked off the right edge.
 
     `speed` [a sqrt(k_e / M)] is the mean over the middle three fifths of the chain. `phonons` is
-    the result of `phonon_share`. Both are NaN if the wall does not cross the chain. If `sent` is
-    None, `send_wall` is called.
+    the result of `phonon_share`. Both are NaN if the wall does not cross the chain.
     """
-    recording, track, crossings = sent or send_wall(chain, trial)
+    recording, track, crossings = send_wall(chain, trial)
     speed = phonons = math.nan
     if crossings:
         speed = crossings[0].site_rate * chain.time_unit
@@ -225,82 +216,33 @@ def measure_speed(
     return {'outcome': _outcome(len(crossings)), 'speed': speed, 'phonons': phonons}
 
 
-def measure_survival(
-    chain: Chain, trial: SweepTrial, sent: SentWall | None = None
-) -> dict[str, Value]:
+def measure_survival(chain: Chain, trial: SweepTrial) -> dict[str, Value]:
     """Measure whether a wall crosses a chain of springs or bars and returns."""
     if trial.mechanics == 'elastic':
-        crossed = len((sent or send_wall(chain, trial)).crossings)
+        crossed = len(send_wall(chain, trial).crossings)
     else:
         crossed = sum(leg.crossed for leg in follow_wall(chain, Edge.LAST))
     return {'outcome': _outcome(crossed), 'obstacles': int(blocked_bonds(chain).sum())}
 
 
 def send_wall(chain: Chain, trial: SweepTrial) -> SentWall:
-    """Send a wall through one chain; raise the errors that `send_walls` returns."""
-    (sent,) = send_walls([(chain, trial)])
-    if isinstance(sent, Exception):
-        raise sent
+    """Kick the wall of an elastic chain off the right edge; simulate until it returns.
+
+    The frame period is one time unit. The simulation also ends at the time limit of the trial. A
+    crossing is discarded if the track jumps by five rotor spacings or more between two frames.
+    Raises ArithmeticError or ValueError if the chain cannot be simulated.
+    """
+    angles = rest_state(chain, 1)
+    rates = kick_rates(chain, angles, trial.kick, anywhere=True)
+    simulation = ElasticSimulation(chain, angles, rates, chain.time_unit, trial.tolerance)
+    recording = simulation.record(0.0)
+    sent = SentWall(recording, follow(chain, recording), ())
+    while len(sent.crossings) < 2 and len(sent.recording.times) <= trial.time_limit:
+        sent = _continued(chain, sent, simulation.record(_PIECE * chain.time_unit))
     return sent
 
 
-def send_walls(trials: Sequence[tuple[Chain, SweepTrial]]) -> list[SentWall | Exception]:
-    """Kick the wall of each elastic chain off the right edge; simulate until it returns.
-
-    The frame period is one time unit. A simulation also ends at the time limit of its trial. A
-    crossing is discarded if the track jumps by five rotor spacings or more between two frames. If
-    a chain cannot be simulated, its result is the error that was raised.
-    """
-    results = [_begun(chain, trial) for chain, trial in trials]
-
-    def moves(number: int) -> bool:
-        sent, frames = results[number], trials[number][1].time_limit
-        if not isinstance(sent, SentWall):
-            return False
-        return len(sent.crossings) < 2 and len(sent.recording.times) <= frames
-
-    def speed(number: int) -> tuple[float, float]:
-        return trials[number][0].time_unit, trials[number][1].tolerance
-
-    while moving := [number for number in range(len(trials)) if moves(number)]:
-        for (unit, tolerance), group in groupby(sorted(moving, key=speed), key=speed):
-            numbers = list(group)
-            sent = [results[number] for number in numbers]
-            chains = [trials[number][0] for number in numbers]
-            pieces = _moved(chains, sent, _PIECE * unit, tolerance)
-            for number, chain, one, piece in zip(numbers, chains, sent, pieces, strict=True):
-                results[number] = _continued(chain, one, piece)
-    return results
-
-
-def _begun(chain: Chain, trial: SweepTrial) -> SentWall | Exception:
-    try:
-        angles = rest_state(chain, 1)
-        rates = kick_rates(chain, angles, trial.kick, anywhere=True)
-    except (ArithmeticError, ValueError) as error:
-        return error
-    recording = Recording(np.zeros(1), angles[np.newaxis], rates[np.newaxis])
-    return SentWall(recording, follow(chain, recording), ())
-
-
-def _moved(
-    chains: Sequence[Chain], sent: Sequence[Any], duration: float, tolerance: float
-) -> list[Recording | ArithmeticError]:
-    starts = [State(one.recording.angles[-1], one.recording.rates[-1]) for one in sent]
-    try:
-        how: Any = {'frames': _PIECE, 'tolerance': tolerance, 'executor': ThisThread()}
-        return list(simulate_many(chains, starts, duration, reduce=lambda _, done: done, **how))
-    except ArithmeticError as error:
-        if len(chains) == 1:
-            return [error]
-        pairs = zip(chains, sent, strict=True)
-        return [_moved([chain], [one], duration, tolerance)[0] for chain, one in pairs]
-
-
-def _continued(chain: Chain, sent: Any, piece: Any) -> SentWall | ArithmeticError:
-    if isinstance(piece, ArithmeticError):
-        return piece
-    piece = replace(piece, times=sent.recording.times[-1] + piece.times)
+def _continued(chain: Chain, sent: SentWall, piece: Recording) -> SentWall:
     recording = Recording(*_joined(sent.recording, piece, ('times', 'angles', 'rates')))
     later = follow(chain, piece)
     track = Track(*_joined(sent.track, later, ('times', 'sites', 'site_rates')))
@@ -348,9 +290,9 @@ _MOTIONS = (*(motion.value for motion in Motion), BLOCKED)
 _OF_MOTION, _OF_SURVIVAL = ('motion', 'obstacles'), ('outcome', 'obstacles')
 _OF_SPEED = ('outcome', 'speed', 'phonons')
 MEASURES = {
-    'motion': Measure(measure_motion, _OF_MOTION, 'motion', 'class of motion', False, _MOTIONS),
+    'motion': Measure(measure_motion, _OF_MOTION, 'motion', 'class of motion', _MOTIONS),
     'speed': Measure(measure_speed, _OF_SPEED, 'speed', 'speed of the wall [$a\\sqrt{k_e/M}$]'),
     'survival': Measure(
-        measure_survival, _OF_SURVIVAL, 'outcome', 'outcome of the wall', classes=OUTCOMES
+        measure_survival, _OF_SURVIVAL, 'outcome', 'outcome of the wall', OUTCOMES
     ),
 }

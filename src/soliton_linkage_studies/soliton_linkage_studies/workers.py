@@ -38,11 +38,7 @@ Chunk = tuple[list[list[str]], list[int], float]
 
 
 class Rows(Protocol):
-    """A table whose rows are measured one by one.
-
-    A table may also have the attributes `cells_of`, a function that measures several rows in one
-    call and returns the cells of each, and `together`, the largest number of these rows [1].
-    """
+    """A table whose rows are measured one by one."""
 
     def cells(self, row: int) -> list[str]:
         """Measure a row and return its cells."""
@@ -237,15 +233,13 @@ def measure_rows(pool: Pool, table: Rows, rows: Sequence[int]) -> Iterator[list[
 
 
 def measure_chunk(table: Rows, rows: list[int]) -> Chunk:
-    """Measure `rows` one by one, or in groups with `cells_of`, and stop after about a second.
+    """Measure `rows` one by one, and stop after about a second.
 
     Returns the cells of the measured rows, the rows that were not measured, and the duration [s].
     """
     begin, cells = time.perf_counter(), list[list[str]]()
-    together: int = getattr(table, 'together', 1)
-    measure: Any = getattr(table, 'cells_of', lambda each: [table.cells(row) for row in each])
-    while len(cells) < len(rows):
-        cells += measure(rows[len(cells) : len(cells) + together])
+    for row in rows:
+        cells.append(table.cells(row))
         if time.perf_counter() - begin > _CHUNK_DURATION:
             break
     return cells, rows[len(cells) :], time.perf_counter() - begin

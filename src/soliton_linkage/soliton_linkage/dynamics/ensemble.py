@@ -67,19 +67,6 @@ def joined(chains: Sequence[Chain]) -> Chain:
     return whole
 
 
-class ThisThread(Executor):
-    """Executor that runs each task at once in the thread of the caller."""
-
-    def submit(self, function: Any, /, *arguments: Any, **named: Any) -> Future[Any]:
-        """Run a task at once; return a finished future with the result."""
-        future: Future[Any] = Future()
-        try:
-            future.set_result(function(*arguments, **named))
-        except Exception as error:
-            future.set_exception(error)
-        return future
-
-
 def last_state(chain: Chain, recording: Recording) -> Array:
     """Return angles [rad] and rates [rad/s] of the last frame, shape (2, N)."""
     del chain

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,6 @@ from soliton_linkage_studies.measures import (
     Measure,
     SweepTrial,
     Value,
-    send_walls,
 )
 from soliton_linkage_studies.settings import Section, load_settings
 
@@ -100,40 +99,12 @@ class SweepStudy:
             values[axis.name] = axis.values[number]
         return {axis.name: values[axis.name] for axis in self.axes}, self.seeds[seed]
 
-    @property
-    def together(self) -> int:
-        """Largest number of rows that `cells_of` measures in one call [1]."""
-        return 8 if self.measure.sends_wall else 1
-
     def cells(self, row: int) -> list[str]:
         """Measure a row; return its columns as text, the last one empty or an error message."""
-        return self.cells_of([row])[0]
-
-    def cells_of(self, rows: Sequence[int]) -> list[list[str]]:
-        """Measure several rows in one call; return for each of them what `cells` returns."""
-        trials = {row: self._trial(row) for row in rows}
-        known = {row: each for row, each in trials.items() if not isinstance(each, Exception)}
-        elastic = {row for row, (_, trial) in known.items() if trial.mechanics == 'elastic'}
-        sending = {row: known[row] for row in known if self.measure.sends_wall and row in elastic}
-        sent = dict(zip(sending, send_walls(list(sending.values())), strict=True))
-        return [self._cells(row, trials[row], sent.get(row)) for row in rows]
-
-    def _trial(self, row: int) -> tuple[Chain, SweepTrial] | ArithmeticError | ValueError:
-        values, seed = self.point(row)
-        try:
-            return trial_of({**self.parameters, **values}, seed)
-        except (ArithmeticError, ValueError) as error:
-            return error
-
-    def _cells(self, row: int, trial: Any, sent: Any) -> list[str]:
         values, seed = self.point(row)
         measured, failure = [''] * len(self.measure.columns), ''
         try:
-            for each in (trial, sent):
-                if isinstance(each, Exception):
-                    raise each
-            chain, settings = trial
-            taken = self.measure.take(chain, settings, sent)
+            taken = self.measure.take(*trial_of({**self.parameters, **values}, seed))
             measured = [_text(taken[name]) for name in self.measure.columns]
         except (ArithmeticError, ValueError) as error:
             failure = ' '.join(str(error).split())
