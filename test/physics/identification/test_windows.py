@@ -101,6 +101,19 @@ def test_gradient_and_matrix_agree_with_finite_differences(
     assert 0.7 < ratios.min() <= ratios.max() < 1.4
 
 
+def test_errors_of_stamps_leave_no_residuals_across_the_rates():
+    angles = 0.5 + np.random.default_rng(1).random(10)
+    lengths = chain_lengths(unequal(WOBBLER, 3))
+    motion = FreeMotion(lengths, np.full(9, 900.0), np.ones(10), 0.0, angles, 3 * angles)
+    states = states_at(motion, TIMES[:40])
+    readings = states[:, 0] + lengths.offsets + 0.01 * states[:, 1]
+    exact = StampErrors(0.0, np.zeros(40))
+    record = Record(TIMES[:40], readings, np.ones((40, 10)), exact)
+    window = FreeWindow(slice(0, 40), motion)
+    errors = record.weighted(window)[2]
+    assert np.abs(record.across_rates(window)).max() < 1e-5 * np.abs(errors).max()
+
+
 AT = unknown_slices(10)
 SIZE = AT.forces.stop
 

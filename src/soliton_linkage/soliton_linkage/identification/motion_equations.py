@@ -33,6 +33,10 @@ _SIGNIFICANT_STAMPS = 6.0
 """The estimated variance of stamp errors is significant if it is at least this times its own
 standard deviation [1]."""
 
+_ANY_VARIANCE = 1e12
+"""Variance of stamp errors relative to that of a reading [s^2/rad^2], so large that a frame does
+not contain information on its time."""
+
 
 class Eliminated(NamedTuple):
     """Matrices A_qq - A_qs A_ss^-1 A_sq, A_ss^-1 A_sq and A_ss^-1 of a window."""
@@ -154,6 +158,11 @@ class Record(NamedTuple):
         weights = np.where(np.isnan(readings), 0.0, 1 / self.deviations[frames])
         errors = readings - window.motion.lengths.offsets - states[:, 0]
         return weights, states[:, 1] * weights, np.where(weights > 0, errors * weights, 0.0)
+
+    def across_rates(self, window: FreeWindow) -> Array:
+        """Return the weighted residuals without their components along the rates, (B, N)."""
+        _, pulls, errors = self.weighted(window)
+        return StampErrors(_ANY_VARIANCE, self.times).whitened(pulls, errors)
 
     def whitened(self, frames: slice | NDArray[np.intp], pulls: Array, errors: Array) -> Array:
         """Return the whitened residuals of B frames for the recorded, uncorrected stamps, (B, N).

@@ -296,12 +296,11 @@ class MotionFitter:
             self._windows = min(found, key=lambda each: each[0])[1]
         return bool(found)
 
-    def _squares(self) -> float:
-        return sum(float(np.sum(self._whitened(window) ** 2)) for window in self._windows)
-
     def _squared_noise(self) -> float:
-        freedom = self._freedom() - self._motion.slices.forces.stop
-        return float(self._squares() / max(freedom, 1.0))
+        """Return the squared noise across the rates; a fit of bars does not use the times."""
+        across = [self._record.across_rates(window) for window in self._windows]
+        freedom = self._freedom() - self._motion.slices.forces.stop - sum(map(len, across))
+        return float(sum(np.sum(each**2) for each in across) / max(freedom, 1.0))
 
     def _freedom(self) -> float:
         counts = (self._counts(window).sum(axis=0) for window in self._windows)
@@ -429,7 +428,8 @@ class MotionFitter:
         whole = information + self._prior.evaluate(motion)[0]
         covariance = covariance_in(self._basis, whole)
         parameters = float(np.sum(covariance * information))
-        variance = self._squares() / max(self._freedom() - parameters, 1.0)
+        squares = sum(float(np.sum(self._whitened(window) ** 2)) for window in self._windows)
+        variance = squares / max(self._freedom() - parameters, 1.0)
         self._noise = max(math.sqrt(variance), LEAST_NOISE)
         self._prior = self._prior.reestimated(motion, covariance, self._tolerance)
         return covariance, information
