@@ -22,6 +22,10 @@ Records = NDArray[np.void]
 LEAST_ODDS, _LEAST_ODDS_AT_EDGES = -9.0, -2.0
 """Lower limits of the log odds against the steady filter [1] while the wall is inside the chain
 and while it is at an edge, where springs exchange energy with it."""
+_LEAST_EVIDENCE = 0.5
+"""A filter that assumes an impulse has the weight 0 unless its `odds` are above this [1].
+Sensitivity: without this limit, reported standard deviations are 3 % larger in steady motion, and
+twice as large in single records of a few hundred frames."""
 
 ARC, RATE, BIAS, DISTURBANCE = range(4)
 FILTER = np.dtype(
@@ -252,7 +256,7 @@ def set_weights(filters: Records, settings: Records, base: int, log_odds: float)
     if base < filters.size:
         filters[base]['weight'] = 0.0
     for n in range(base + 1, filters.size):
-        beyond = math.expm1(filters[n]['odds'])
+        beyond = math.exp(filters[n]['odds']) - math.exp(_LEAST_EVIDENCE)
         filters[n]['weight'] = math.exp(-settings[0]['impulse_rarity']) * max(beyond, 0.0)
     whole = 0.0
     for n in range(filters.size):
