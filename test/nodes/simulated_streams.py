@@ -55,8 +55,10 @@ class Stream:
         self.graph = graph
         self.frames: list[JointState] = graph.hear(interfaces.JOINT_STATES)
         chains = graph.hear(interfaces.CHAIN)
+        self._delivered = graph.hear(interfaces.DELIVERED_IMPULSES)
         self.node = graph.start(Simulator, {**GIVEN, **(parameters or {})})
         graph.until(lambda: chains and self.frames, 'the chain and a frame')
+        self._impulses = graph.speak(interfaces.ROTOR_IMPULSES)
         self.rate = self.node.settings.publish_rate
         self.chain = chain_from_msg(chains[0]).chain
         self._epoch = time_from_msg(chains[0].header.stamp)
@@ -65,6 +67,12 @@ class Stream:
         """Wait for a frame beyond those published now, which may still be in transit."""
         target = self.node.control.status.frames + frames
         self.graph.until(lambda: self.number(self.frames[-1]) >= target, f'{frames} frames')
+
+    def kick(self) -> None:
+        """Publish a kick and wait until the simulator has applied it."""
+        kicks = len(self._delivered) + 1
+        self._impulses.publish(kick_message())
+        self.graph.until(lambda: len(self._delivered) == kicks, 'the kick')
 
     def number(self, frame: JointState) -> int:
         """Return which frame it is; its stamp is exactly that many periods after the chain's."""

@@ -20,7 +20,6 @@ from simulated_streams import (
     Stream,
     hold,
     kick,
-    kick_message,
     let_go,
     torque_message,
 )
@@ -52,9 +51,8 @@ def test_stamps_are_step_count_times_period_at_any_rate(graph, rate, frames):
 )
 def test_kicks_between_frames_act_at_the_instant_of_a_frame(graph, parameters):
     stream = Stream(graph, parameters)
-    impulses = graph.speak(interfaces.ROTOR_IMPULSES)
     for _ in range(3):
-        impulses.publish(kick_message())
+        stream.kick()
         stream.grow(70)
     lean = 1 if parameters.get('initial_state') == 'right_leaning' else -1
     assert len(stream.explain([kick] * 3, lean)) == 3
@@ -64,6 +62,7 @@ def test_torques_act_for_the_command_timeout_without_another_message(graph):
     stream = Stream(graph, {'command_timeout': 0.1})
     torques = graph.speak(interfaces.ROTOR_TORQUES)
     torques.publish(torque_message())
+    graph.until(lambda: any(stream.frames[-1].velocity), 'the motion')
     stream.grow(60)
     began, ended = stream.explain([hold, let_go])
     assert ended - began == round(0.1 * RATE)
@@ -101,7 +100,7 @@ def test_a_wrong_command_is_rejected_whole_and_the_next_valid_one_acts(graph):
         assert complaint in values(reports[-1])['last rejection']
         assert complaint in reports[-1].message
         assert reports[-1].level == reports[-1].WARN
-    impulses.publish(kick_message())
+    stream.kick()
     stream.grow(60)
     stream.explain([kick])
 
@@ -109,16 +108,15 @@ def test_a_wrong_command_is_rejected_whole_and_the_next_valid_one_acts(graph):
 def test_a_command_of_nothing_changes_nothing(graph):
     stream = Stream(graph)
     impulses = graph.speak(interfaces.ROTOR_IMPULSES)
-    for message in (kick_message(), RotorImpulses()):
-        impulses.publish(message)
-        stream.grow(60)
+    stream.kick()
+    impulses.publish(RotorImpulses())
+    stream.grow(60)
     stream.explain([kick])
 
 
 def test_a_report_holds_rate_lateness_and_energy(graph):
     stream = Stream(graph)
-    impulses = graph.speak(interfaces.ROTOR_IMPULSES)
-    impulses.publish(kick_message())
+    stream.kick()
     stream.grow(30)
     graph.next_report('simulator')
     figures = values(graph.next_report('simulator'))

@@ -35,8 +35,7 @@ def settled(stream: Stream) -> int:
 
 def test_a_pause_stops_time_at_once_and_can_be_repeated(graph):
     stream = Stream(graph)
-    impulses = graph.speak(interfaces.ROTOR_IMPULSES)
-    impulses.publish(kick_message())
+    stream.kick()
     stream.grow(60)
     for _ in range(2):
         response = pause(graph, True)
@@ -91,7 +90,7 @@ def test_a_reset_forgets_commands_but_not_the_time(graph):
     impulses = graph.speak(interfaces.ROTOR_IMPULSES)
     torques = graph.speak(interfaces.ROTOR_TORQUES)
     torques.publish(torque_message())
-    stream.grow(30)
+    graph.until(lambda: any(stream.frames[-1].velocity), 'the motion')
     pause(graph, True)
     impulses.publish(kick_message())
     graph.until(lambda: stream.node.control.status.pending, 'the kick')
