@@ -68,17 +68,24 @@ def test_a_bag_is_played_beside_the_chain_with_seek_rate_and_loop(visit, view):
     assert 'flipper_0' in visit.text('time-note')
     visit.click('replay-play')
     until(lambda: view.replay.paused, 'the pause')
-    box = visit.page.locator('#live-time').bounding_box()
-    visit.page.mouse.click(box['x'] + 10 + 0.9 * (box['width'] - 20), box['y'] + 30)
+    track = visit.page.locator('#live-time')
     whole = view.replay.bag.duration
+
+    def sought() -> bool:
+        width = track.bounding_box()['width']
+        track.click(position={'x': 10 + 0.9 * (width - 20), 'y': 30})
+        # The page may have moved under the pointer.
+        visit.page.wait_for_timeout(500)
+        return (view.replay.position or 0) > 0.85 * whole
+
+    until(sought, 'the frame at this time')
     visit.answers('paused at ')
-    until(lambda: (view.replay.position or 0) > 0.85 * whole, 'the frame at this time')
     visit.wait('live.status.replay.paused && live.shown.state_age - live.shown.age < 2')
     visit.wait('document.getElementById("live-stale").textContent === "paused"')
-    visit.click('replay-play')
     visit.page.focus('#live-time')
     visit.page.keyboard.press('PageDown')
     until(lambda: view.replay.position < 0.8 * whole, 'an earlier time')
+    visit.click('replay-play')
     visit.choose('speed', '10 ×')
     until(lambda: view.replay.rate == 10.0, 'the rate')
     until(lambda: not view.replay.running, 'the end')
