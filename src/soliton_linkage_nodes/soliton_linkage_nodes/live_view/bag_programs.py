@@ -261,15 +261,19 @@ class BagReplay(_BagProgram):
         await self._request(REPLAY, 'seek', request)
         if not self.paused:
             return f'continued at {at:.1f} s'
-        await self._show_frame()
+        await self._show_frame(at)
         return f'paused at {at:.1f} s'
 
-    async def _show_frame(self) -> None:
-        """Play messages of a paused replay until a frame and its soliton_state have arrived."""
+    async def _show_frame(self, at: float) -> None:
+        """Play messages of a paused replay until a frame and its soliton_state have arrived.
+
+        `at` is the time of the frame since the start of the bag [s].
+        """
         chain = self._finder.chains.get(self.namespace)
         if chain is None or self.bag is None:
             return
         before, state, first = chain.newest_frame, chain.newest_state, 0
+        left = self.track.time_of(before / SECOND)
         analysed = any(topic.endswith('soliton_state') for topic in self.bag.played)
         steps, deadline = 0, time.monotonic() + _LONGEST_SEEK
         while time.monotonic() < deadline:
@@ -279,7 +283,10 @@ class BagReplay(_BagProgram):
                     await self._request(REPLAY, 'play_next')
                     steps, deadline = steps + 1, time.monotonic() + _LONGEST_SEEK
             await asyncio.sleep(_STEP_INTERVAL)
-            if chain.newest_frame != before:
+            time_of_frame = self.track.time_of(chain.newest_frame / SECOND)
+            # Frames from before the seek may still be in transit.
+            passed = abs(time_of_frame - left) < abs(time_of_frame - at)
+            if chain.newest_frame != before and not passed:
                 first = first or chain.newest_frame
                 if not analysed or (chain.newest_state != state and chain.newest_state >= first):
                     return
