@@ -4,6 +4,7 @@ from __future__ import annotations
 import math
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -289,20 +290,25 @@ def test_every_explanation_lies_in_the_window_and_beside_its_panel(visit: Visit)
     for width, height in ((1280, 720), (1600, 1000)):
         visit.resize(width, height)
         for button in visit.page.locator('.live-help:visible').all():
-            button.click()
-            text = visit.page.locator('.live-help-text:popover-open').bounding_box()
-            panel = button.locator('xpath=ancestor::figure').bounding_box()
-            assert 0 < text['x'] < text['x'] + text['width'] < width
-            assert 0 < text['y'] < text['y'] + text['height'] < height
-            beside = (
-                text['x'] + text['width'] <= panel['x']
-                or text['x'] >= panel['x'] + panel['width']
-                or text['y'] + text['height'] <= panel['y']
-                or text['y'] >= panel['y'] + panel['height']
-            )
-            assert beside
-            visit.page.keyboard.press('Escape')
+            # The panels move if a line of text above them appears while the explanation opens.
+            until(lambda b=button, w=width, h=height: _explains(visit, b, w, h), 'an explanation')
     visit.resize(1400, 1000)
+
+
+def _explains(visit: Visit, button: Any, width: int, height: int) -> bool:
+    """Open an explanation; return whether it lies in the window and beside its panel."""
+    button.click()
+    text = visit.page.locator('.live-help-text:popover-open').bounding_box()
+    panel = button.locator('xpath=ancestor::figure').bounding_box()
+    visit.page.keyboard.press('Escape')
+    within = 0 < text['x'] < text['x'] + text['width'] < width
+    beside = (
+        text['x'] + text['width'] <= panel['x']
+        or text['x'] >= panel['x'] + panel['width']
+        or text['y'] + text['height'] <= panel['y']
+        or text['y'] >= panel['y'] + panel['height']
+    )
+    return within and beside and 0 < text['y'] < text['y'] + text['height'] < height
 
 
 def test_texts_of_any_length_move_no_control_and_no_plot(visit: Visit) -> None:
