@@ -12,7 +12,7 @@ In this example a kick at the first edge sends a soliton through the chain and b
 >>> [crossing.direction for crossing in sl.find_crossings(chain, track)]
 [1, -1]
 
-The folders, of which each imports only from earlier ones, are `linkage`, `linear`, `solitons`,
+Each folder imports only from earlier folders in this list: `linkage`, `linear`, `solitons`,
 `orbit`, `dynamics`, `actuation`, `estimation`, `identification`, `steering`, `vision` and
 `microcontroller`. A *wall* is a domain wall: rotors on opposite sides of it lean in opposite
 directions. A *soliton* is a moving wall. The *orbit* is the closed curve of all zero-energy

@@ -159,7 +159,7 @@ class UnknownChainAnalyser:
 
     @property
     def diagnostics(self) -> AnalyserDiagnostics:
-        """Counter of late frames; no errors are estimated."""
+        """Number of late frames; the errors of the readings are not estimated."""
         unknown = np.full(self._rotors, math.nan)
         return AnalyserDiagnostics(np.zeros(self._rotors), unknown, self._clock.late)
 

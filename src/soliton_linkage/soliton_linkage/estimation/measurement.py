@@ -121,7 +121,7 @@ class OrbitComparison:
     ) -> tuple[OrbitSegment, Array]:
         """Return the rotors near the wall and the differences [rad], (N,), at an arc length [rad].
 
-        The arguments `angles`, `corrections` and `upside_down` are those of `compare`.
+        `compare` explains the arguments `angles`, `corrections` and `upside_down`.
         """
         about, leg = self._orbit.segment(arc), self._orbit.leg(arc)
         differences = np.empty_like(angles)

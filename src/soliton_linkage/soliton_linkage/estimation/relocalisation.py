@@ -44,7 +44,7 @@ _CLOSE = 1e-5
 """The search for a maximum of the likelihood ends when a step is shorter than this [rad]."""
 SCAN_DEVIATION = 0.1
 """Standard deviation of the angles that a scan assumes, divided by the swing of a rotor [1]; the
-step of a scan is half of it."""
+step of a scan is this value divided by 2."""
 _EXACT = 1e-8
 """The search for the nearest point of the orbit ends when a step is shorter than this [rad]."""
 _MOST_PLACES = 12

@@ -34,8 +34,8 @@ _SIGNIFICANT_STAMPS = 6.0
 standard deviation [1]."""
 
 _ANY_VARIANCE = 1e12
-"""Variance of stamp errors relative to that of a reading [s^2/rad^2], so large that a frame does
-not contain information on its time."""
+"""Variance of stamp errors divided by the variance of a reading [s^2/rad^2], so large that a frame
+does not contain information on its time."""
 
 
 class Eliminated(NamedTuple):

@@ -220,7 +220,7 @@ class MotionFitter:
 
         `kicks` contains two frame numbers for each kick. The frames before the first number and
         the frames from the second number on have separate initial states. The frames between are
-        not used. The decrease is that of a linearised fit.
+        not used. The decrease is computed for a linearised fit.
         """
         ends = np.linspace(*_SHARES[2:4], len(kicks) + 1).tolist()
         gains = []

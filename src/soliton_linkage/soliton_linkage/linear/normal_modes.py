@@ -111,7 +111,7 @@ def phonon_energies(chain: Chain, angles: ArrayLike, rates: ArrayLike) -> tuple[
 
     The modes are vibrations about the relaxed configuration that `unstretched` finds near
     `angles`. The sum of the energies is the energy of the chain, up to terms of third order in the
-    displacements from this configuration. With free ends, the first energy is that of the zero
+    displacements from this configuration. With free ends, the first energy belongs to the zero
     mode: the kinetic energy of a wall in a chain of rigid bars. Raises ValueError for invalid
     angles [rad] or rates [rad/s], and if no relaxed configuration is near.
     """

@@ -134,7 +134,7 @@ class _Seed:
     def _bond(self, rotor: int, towards: int, angle: float) -> tuple[float, float, float]:
         """Return the angle [rad] of the next rotor, and the levers times the bar length [m^2].
 
-        The levers are those of `rotor`, which has the angle `angle` [rad], and of the next one.
+        The levers belong to `rotor`, which has the angle `angle` [rad], and to the next rotor.
         """
         bar, far = min(rotor, rotor + towards), rotor + towards
         branch = (self.right_branches if towards > 0 else self.left_branches)[bar]

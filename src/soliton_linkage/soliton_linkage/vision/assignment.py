@@ -21,7 +21,7 @@ HIDDEN = -1
 _CANDIDATES = 6
 """Largest number of dots that are considered for one rotor."""
 _HIDDEN_COST = 14.0
-"""Cost of the state "hidden" [1], between those of errors of 3 and of 4 standard deviations."""
+"""Cost of the state "hidden" [1], between the costs of errors of 3 and 4 standard deviations."""
 _MAX_ANGLE_COST = 30.0
 """Largest cost of a difference from a predicted angle [1]; after kicks, predictions are wrong."""
 _MAX_BOND_COST = 12.0
@@ -58,8 +58,8 @@ def assign_dots(
     """Return the number of the dot on the mass of each rotor, or `HIDDEN`, (N,).
 
     `points`, (2, K, 2), contains the positions of K dots [m] if they are at the height of even
-    rotors, and if they are at that of odd rotors. `point_deviations`, (K,), are their standard
-    deviations [m]. `Dots` explains `colour_costs`.
+    rotors, and if they are at the height of odd rotors. `point_deviations`, (K,), are their
+    standard deviations [m]. `Dots` explains `colour_costs`.
     """
     rotors = len(predicted.pivots)
     if not points.shape[1]:
