@@ -18,9 +18,9 @@ Each folder imports only from earlier folders in this list: `linkage`, `linear`,
 directions. A *soliton* is a moving wall. The *orbit* is the closed curve of all zero-energy
 configurations. In one *cycle* the chain moves once along the whole orbit.
 
-Angles are the angles phi [rad] unless a name contains `staggered`. The last axis of an array
-contains the rotors. Docstrings of constants state sensitivities: 0.5x means half the value of the
-constant, and 2x twice its value. The symbols of the equations are:
+Angles are the angles phi [rad] unless a name contains `staggered`. The last axis of an array is
+the index of the rotor. Docstrings of tuned constants state sensitivities: 0.5x means half the
+value of the constant, and 2x twice its value. The symbols of the equations are:
 
 ========== ======================= ==========================================================
 symbol     name                    meaning

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Command `soliton-linkage`; its sub-commands come from the studies and from other packages.
 
-A sub-command is an entry point in the group `soliton_linkage.commands`: a function of the list of
-arguments that returns the exit code, 0 after success, 1 after an error, and 2 after Ctrl-C or for
-an invalid command line. Its help text is the first line of the docstring of its module.
+A sub-command is an entry point in the group `soliton_linkage.commands`. The entry point is a
+function that receives the list of arguments and returns the exit code: 0 after success, 1 after an
+error, and 2 after Ctrl-C or for an invalid command line. The first line of the module docstring is
+the help text of the sub-command.
 """
 
 from __future__ import annotations
@@ -31,7 +32,10 @@ _FAILURES = (ArithmeticError, LookupError, OSError, RuntimeError, ValueError)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the sub-command that the first argument names, or list them; return the exit code."""
+    """Run the sub-command that the first argument names, and return its exit code.
+
+    Without arguments, print the list of all sub-commands and return 0.
+    """
     given = sys.argv[1:] if arguments is None else list(arguments)
     words = words_before() or given
     commands = {found.name: found for found in sorted(entry_points(group=_GROUP))}

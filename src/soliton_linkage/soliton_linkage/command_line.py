@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Command lines with error messages of one line and with completion of words by the shell.
+"""Parsing of command lines, with one-line error messages and with completion by the shell.
 
 In bash, `eval "$(register-python-argcomplete soliton-linkage)"` activates completion.
 """
@@ -30,8 +30,8 @@ class PlainParser(argparse.ArgumentParser):
     def parse(self, arguments: Sequence[str] | None = None) -> argparse.Namespace:
         """Return the parsed options; by default, parse the arguments of the program."""
         given = sys.argv[1:] if arguments is None else arguments
-        # argparse regards -1e-3 as an option, because it recognises only plain decimals as
-        # negative numbers. A leading space prevents this.
+        # argparse recognises only plain decimals as negative numbers, and regards -1e-3 as an
+        # option. A leading space prevents this.
         spaced = [f' {each}' if _NEGATIVE.match(each) else each for each in given]
         options, unknown = self.parse_known_args(spaced)
         if any(each in _ROS_FLAGS or ':=' in each for each in unknown):
@@ -42,7 +42,10 @@ class PlainParser(argparse.ArgumentParser):
 
 
 def words_before() -> list[str]:
-    """Return the words between the program name and the word to complete; [] if not completing."""
+    """Return the words between the program name and the word that the shell wants to complete.
+
+    Return an empty list unless the shell requests completion.
+    """
     if _ASKED not in os.environ:
         return []
     return os.environ['COMP_LINE'][: int(os.environ['COMP_POINT'])].split(' ')[1:-1]

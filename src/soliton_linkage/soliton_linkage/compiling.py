@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compilation of loops by numba when a module is imported, so that no later call waits for it.
+"""Compilation of loops by numba during import, so that no later call waits for the compiler.
 
-With NUMBA_DISABLE_JIT=1, loops run as plain Python: slowly, with the same results up to rounding.
+With NUMBA_DISABLE_JIT=1, loops run as Python code. They are then slower, but the results are the
+same up to rounding errors.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ def _nothing() -> None:
 _compiled_or_not: object = numba.njit(_nothing)
 
 COMPILES = _compiled_or_not is not _nothing
-"""Whether numba compiles functions."""
+"""Whether numba compiles functions; false with NUMBA_DISABLE_JIT=1."""
 
 
 FASTMATH_FLAGS = frozenset({'contract', 'nsz'})
@@ -56,7 +57,7 @@ def records(dtype: np.dtype[np.void], writable: bool = False) -> Any:
 
 
 def named_tuple(row: type[tuple[Any, ...]], *fields: Any) -> Any:
-    """Return the numba type of a named tuple with one type for all fields, or one for each."""
+    """Return the numba type of a named tuple; `fields` is one common type, or one per field."""
     untyped = cast(Any, types)
     if len(fields) == 1:
         fields *= len(cast(Any, row)._fields)
@@ -66,7 +67,7 @@ def named_tuple(row: type[tuple[Any, ...]], *fields: Any) -> Any:
 
 
 def compiled(*arguments: Any) -> Callable[[Kernel], Kernel]:
-    """Return a decorator that compiles a function for arguments of given types."""
+    """Return a decorator that compiles a function at once, for arguments of the given types."""
     return lambda function: compile_loop(function, arguments)
 
 
@@ -76,7 +77,11 @@ def compile_loop(
     fastmath: frozenset[str] = FASTMATH_FLAGS,
     inlined: bool = False,
 ) -> Kernel:
-    """Return a function that is compiled now for the types `arguments`, or at its first call."""
+    """Return a compiled function.
+
+    If the types `arguments` of the arguments are given, the function is compiled at once for these
+    types; otherwise, it is compiled at its first call.
+    """
     options: dict[str, Any] = {
         'fastmath': set(fastmath),
         'error_model': 'numpy',
@@ -100,12 +105,12 @@ def compile_loop(
 
 
 def inlined(function: Kernel) -> Kernel:
-    """Return a function that is compiled into its callers."""
+    """Return a function that the compiler copies into each compiled function that calls it."""
     return compile_loop(function, inlined=True)
 
 
 def _hint(attribute: str) -> Callable[[], None]:
-    """Return a function that adds an attribute of LLVM to the compiled function that calls it."""
+    """Return a function F that adds an LLVM attribute to each compiled function that calls F."""
 
     def typed(_typing: Any) -> Any:
         def generate(context: Any, builder: Any, _signature: Any, _arguments: Any) -> Any:
@@ -120,8 +125,10 @@ def _hint(attribute: str) -> Callable[[], None]:
 
 
 prefer_wide_vectors = _hint('"prefer-vector-width"="512"')
-"""Makes the compiler use vectors of 512 bits; by default, LLVM uses 256 bits. With AVX-512, the
-hint makes `SymplecticNystrom` 1.3 times as fast for 40 rotors, and 1.5 times for 1000."""
+"""Hint that makes the compiler use vectors of 512 bits in the calling function. By default, LLVM
+uses 256 bits. On processors with AVX-512, the hint makes `SymplecticNystrom` 1.3 times as fast for
+40 rotors, and 1.5 times as fast for 1000 rotors."""
 
 never_inlined = _hint('noinline')
-"""Keeps the compiler from copying the calling function into its callers, to compile faster."""
+"""Hint that keeps the compiler from copying the calling function into the functions that call it.
+The compilation is then faster."""

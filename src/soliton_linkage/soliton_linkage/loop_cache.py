@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Cache of compiled loops, with one checked file for each loop, signature and processor.
+"""Cache of compiled loops: one file with a checksum for each loop, signature and processor type.
 
-The cache of numba has three faults. An empty or truncated index file raises an error at import.
-Two processes can write different loops to the same file. After a change of a function, the loops
-of other modules that call it are not recompiled. numba has no public interface for a cache.
+This module replaces the cache of numba, which has three faults. An empty or truncated index file
+raises an error at import. Two processes can write different loops to the same file. After a change
+of a function, the loops of other modules that call it are not recompiled. The module uses private
+classes of numba, because numba has no public interface for a cache.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ class LoopCache(FunctionCache):  # type: ignore[misc]
         self._cache_file = _LoopFiles(Path(self.cache_path), name)
 
     def _index_key(self, sig: Any, codegen: Any) -> tuple[str, str]:
-        """Return the text that determines the file name, and a key that changes with the code."""
+        """Return the text that determines the file name, and a text that changes with the code."""
         target = repr((sig, codegen.magic_tuple()))
         versions = f'numba {numba.__version__} llvmlite {version("llvmlite")}'
         return target, f'{target} {versions} {self._options} {_code_digest(self._py_func)}'

@@ -13,13 +13,14 @@ import time
 _BAR_WIDTH = 30
 """Largest width of the progress bar [characters]."""
 _MINIMUM_BAR_WIDTH = 10
-"""Smallest width of the progress bar [characters]; a title that leaves less room is cut."""
+"""Smallest width of the progress bar [characters]. A title that leaves less space for the bar is
+shortened."""
 _TERMINAL_INTERVAL = 0.1
 """Shortest time between two updates in a terminal [s]; more frequent updates flicker."""
 _LOG_INTERVAL = 2.0
 """Shortest time between two lines in a log file [s]."""
 _DEFAULT_COLUMNS = 80
-"""Assumed line width if stderr is no terminal, or a terminal without a width [characters]."""
+"""Assumed line width [characters] if stderr is not a terminal or does not report a width."""
 
 
 def line_width() -> int:
@@ -36,7 +37,7 @@ class ProgressLine:
     """Progress display: one line that is updated in a terminal, separate lines in a log file."""
 
     def __init__(self, title: str, total: float) -> None:
-        """Prepare to show the progress from 0 to `total`, or without a bar if `total` is 0."""
+        """Prepare to show the progress from 0 to `total`; if `total` is 0, no bar is shown."""
         self.total = total
         self._title = title
         self._terminal = sys.stderr.isatty()
@@ -49,7 +50,7 @@ class ProgressLine:
         return time.monotonic() - self._shown_at >= self._interval
 
     def show(self, done: float, remark: str = '') -> None:
-        """Show the progress and a remark if an update is due; cut a title that is too long."""
+        """Show the progress and a remark if an update is due; shorten a title that is too long."""
         if not self.total:
             self.show_text(f'{self._title}: {remark}' if remark else self._title)
             return

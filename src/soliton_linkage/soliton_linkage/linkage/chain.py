@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Geometry, energy and torques of the chain of rotors.
 
-Springs join neighbouring masses. phi_n is the angle of rotor n, r the rotor length, M the mass, a
-the distance between neighbouring pivots, l_n the length, lbar the rest length and k_e the
-stiffness of a spring, and theta_bar the rest angle. Relative to its pivot, mass n is at the
+Springs join neighbouring masses. The symbols are the angle phi_n of rotor n, the rotor length r,
+the mass M, the distance a between neighbouring pivots, the rest angle theta_bar, and for spring n
+the length l_n, the rest length lbar and the stiffness k_e. Relative to its pivot, mass n is at the
 horizontal position h_n = r sin(phi_n) and at the height v_n = r cos(phi_n). The difference between
 the squared length and the squared rest length of spring n is
 
     e_n = l_n^2 - lbar^2 = c + 2 a (h_{n+1} - h_n) - 2 (h_n h_{n+1} + v_n v_{n+1}),
     c = a^2 + 2 r^2 - lbar^2 = -2 r^2 cos(2 theta_bar).
 
-Extensions are computed as e_n / (l_n + lbar). This form avoids the difference of two nearly equal
-lengths, so that the extension of a relaxed spring is 0 up to rounding errors. In chains with
-deviations, each rotor has its own r and M, and each spring its own a, lbar and k_e.
+Extensions are computed as e_n / (l_n + lbar). This form has smaller rounding errors than l_n -
+lbar, the difference of two nearly equal lengths. In chains with deviations, each rotor has its own
+r and M, and each spring its own a, lbar and k_e.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ Array = NDArray[np.float64]
 
 
 class Motion(enum.Enum):
-    """Class of the motion of rotors when a wall passes (paper, 'Topology of the unit cell')."""
+    """Class of the motion of rotors when a wall passes (Chen et al., PNAS 111, 13004 (2014))."""
 
     FLIPPER = 'flipper'
     WOBBLING_FLIPPER = 'wobbling flipper'
@@ -175,20 +175,26 @@ class Chain:
 
     @cached_property
     def motion(self) -> Motion:
-        """Class of motion: flipper for d <= 1, spinner for d > d_c, else wobbling flipper."""
+        """Class of motion: flipper if d <= 1, spinner if d > d_c, otherwise wobbling flipper.
+
+        Here d is `lean_ratio` and d_c is `critical_lean_ratio`.
+        """
         if self.lean_ratio > self.critical_lean_ratio:
             return Motion.SPINNER
         return Motion.WOBBLING_FLIPPER if self.lean_ratio > 1 else Motion.FLIPPER
 
     @cached_property
     def wall_width(self) -> float:
-        """Width of a slow wall [m], a^2 / (2 r sin(theta_bar)); r sin(theta_bar) in spinners."""
+        """Width of a slow wall [m]: a^2 / (2 r sin(theta_bar)); r sin(theta_bar) for spinners."""
         lean = self.rotor_length * math.sin(self.rest_angle)
         return lean if self.motion is Motion.SPINNER else self.spacing**2 / (2 * lean)
 
     @cached_property
     def signs(self) -> Array:
-        """Sign dq/dphi of each rotor, +1 or -1; q is theta in flippers and phi in spinners."""
+        """Derivative dq/dphi of the coordinate q of each rotor, +1 or -1, shape (N,).
+
+        The coordinate q is phi in spinners, and theta in flippers and wobbling flippers.
+        """
         signs = np.ones(self.number_of_rotors)
         if self.motion is not Motion.SPINNER:
             signs[1::2] = -1.0
@@ -213,7 +219,7 @@ class Chain:
         return checked
 
     def positions(self, angles: Array) -> tuple[Array, Array]:
-        """Return h and v of the masses relative to their pivots [m], shape (..., N) each."""
+        """Return the positions h, v of the masses relative to their pivots [m], (..., N) each."""
         return self.rotor_lengths * np.sin(angles), self.rotor_lengths * np.cos(angles)
 
     def springs(self, angles: Array) -> tuple[Array, Array, Array]:
@@ -269,9 +275,9 @@ class Chain:
 
     @cached_property
     def spring_parameters(self) -> Array:
-        """Rows with r [m] of rotors, and with a [m], c [m^2] and lbar [m] of springs, (4, N).
+        """Lengths r [m] of the rotors, and a [m], c [m^2] and lbar [m] of the springs, (4, N).
 
-        With free ends, the last element of the rows of springs is 0.
+        Each row contains one quantity. With free ends, the last element of the spring rows is 0.
         """
         rows = np.zeros((4, self.number_of_rotors))
         rows[0] = self.rotor_lengths
@@ -304,7 +310,10 @@ def displacement(chain: Chain, angles: ArrayLike) -> Array:
 
 
 def uprightness(angles: ArrayLike) -> int:
-    """Return the sign of the sum of cos(theta) over inner rotors: -1 upside down, otherwise +1."""
+    """Return -1 if the chain is upside down, otherwise +1.
+
+    The result is the sign of the sum of cos(theta) over the inner rotors.
+    """
     vertical = np.cos(angles)
     return -1 if vertical[2:-1:2].sum() < vertical[1:-1:2].sum() else 1
 

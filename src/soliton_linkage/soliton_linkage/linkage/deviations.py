@@ -98,7 +98,8 @@ OF_SPRINGS = ('spacing', 'stiffness', 'rest_length', 'non_reciprocity')
 """Names of the quantities that have one value per spring; all others have one value per rotor."""
 NO_DEVIATIONS = Deviations()
 _LARGEST_SPREAD = 0.5
-"""Largest relative standard deviation [1]; one random parameter in forty is then negative."""
+"""Largest allowed relative standard deviation [1]. At 0.5, one random deviation in forty is below
+-1, a value that `Deviations` rejects for most quantities."""
 
 
 def _spread(of: str) -> Any:
@@ -108,7 +109,10 @@ def _spread(of: str) -> Any:
 @document_fields
 @dataclass(frozen=True)
 class Disorder(CheckedQuantities):
-    """Standard deviations and seed of random deviations; ValueError for values out of range."""
+    """Relative standard deviations and seed of random deviations.
+
+    Raises ValueError for values out of range.
+    """
 
     spacing: float = _spread('distances between pivots')
     rotor_length: float = _spread('lengths of the rotors')

@@ -64,10 +64,11 @@ class Encoders:
 
         reading = q round((phi + offset + noise n) / q),    rate = (reading - previous) / period,
 
-    where q is the resolution, noise the standard deviation, n a normal random number that depends
-    only on the seed and the frame, previous the reading in the previous frame, and period the time
-    between two frames [s]. If the previous call did not read the previous frame, the rate is 0.
-    Raises ValueError if offsets are given for another number of rotors.
+    The resolution q, the noise and the offset are values of `EncoderErrors`. The normal random
+    number n depends only on the seed, the frame and the rotor. `previous` is the reading in the
+    previous frame, and `period` is the time between two frames [s]. If the previous call of `read`
+    was not for the previous frame, the rates are 0. Raises ValueError if offsets are given for
+    another number of rotors.
     """
 
     def __init__(self, number_of_rotors: int, period: float, errors: EncoderErrors) -> None:
@@ -78,7 +79,7 @@ class Encoders:
         self._before: tuple[int, Array] | None = None
 
     def forget(self) -> None:
-        """Discard the previous frame, for example after a jump of the angles."""
+        """Set the rates of the next frame to 0, for example because the angles have jumped."""
         self._before = None
 
     def read(self, frame: int, angles: Array) -> tuple[Array, Array]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from soliton_linkage.linkage.quantities import CheckedQuantities, document_fields, quantity
 
 _LARGEST_GAIN = 1e6
-"""Largest allowed absolute value of a gain, in its unit."""
+"""Largest allowed absolute value of a gain, in the unit of the gain."""
 MOST_FRAMES_OF_DELAY = 1000
 """Largest allowed delay [frames], which is one second at 1000 frames per second."""
 
@@ -22,7 +22,10 @@ def _gain(of: str, unit: str) -> float:
 @document_fields
 @dataclass(frozen=True)
 class Feedback(CheckedQuantities):
-    """Gains, delay and limit of `motor_controllers`; raises ValueError for values out of range."""
+    """Gains, delay and torque limit of the feedback law in `motor_controllers`.
+
+    Raises ValueError for values out of range.
+    """
 
     angle: float = _gain('the coordinate of the own rotor', 'N m/rad')
     rate: float = _gain('the rate of the own rotor', 'N m s/rad')

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, fields
 from typing import Any, TypeVar
 
 LARGEST_SEED = 10**9
-"""Largest allowed random seed; every integer parameter of a node can contain it."""
+"""Largest allowed random seed. The value fits into a signed 32-bit integer."""
 
 LARGEST_ANGLE = 1e9
 """Largest allowed unwrapped angle [rad]. Double precision resolves 1e-7 rad at this angle, and the
@@ -21,7 +21,7 @@ Described = TypeVar('Described')
 
 @dataclass(frozen=True)
 class Quantity:
-    """Meaning, unit and allowed range of a parameter; the range includes its limits."""
+    """Meaning, unit and allowed range of a parameter; the limits are allowed values."""
 
     description: str
     unit: str = ''
@@ -31,7 +31,7 @@ class Quantity:
     adjustable: bool = False
 
     def complaint(self, value: object) -> str | None:
-        """Return as text the condition that a value violates, or None if the value is allowed."""
+        """Return a text with the condition that a value violates, or None if it violates none."""
         if self.choices and value not in self.choices:
             return f'must be one of {", ".join(map(repr, self.choices))}'
         if isinstance(value, numbers.Real) and not isinstance(value, bool):
@@ -62,7 +62,10 @@ def quantity(
     choices: Collection[str] = (),
     adjustable: bool = False,
 ) -> Any:
-    """Return a dataclass field whose metadata is a `Quantity` of the arguments after `default`."""
+    """Return a dataclass field with a default value, and with a `Quantity` in its metadata.
+
+    The arguments after `default` are the fields of the `Quantity`.
+    """
     described = Quantity(description, unit, minimum, maximum, choices, adjustable)
     return field(default=default, metadata={'quantity': described})
 
@@ -84,9 +87,10 @@ def described_fields(dataclass_type: Any) -> dict[str, Quantity]:
 
 
 def check_quantities(instance: Any) -> None:
-    """Raise ValueError if a value is not in the range of its `Quantity`, or of another kind.
+    """Raise ValueError if a value is outside the range of its `Quantity` or has the wrong type.
 
-    If the default is a number (a whole number), the value must be a number (a whole number).
+    A field whose default is an integer must be an integer. A field whose default is a float must
+    be a number.
     """
     for name, described in described_fields(instance).items():
         value = getattr(instance, name)

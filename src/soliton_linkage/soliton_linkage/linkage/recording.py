@@ -12,7 +12,10 @@ from soliton_linkage.linkage.chain import Array
 
 @dataclass(frozen=True)
 class Recording:
-    """T frames of N rotors. Raises ValueError for wrong shapes, and times that do not increase."""
+    """T frames of N rotors.
+
+    Raises ValueError for wrong shapes, and for times that do not increase.
+    """
 
     times: Array
     """Times of the frames [s], increasing, shape (T,)."""

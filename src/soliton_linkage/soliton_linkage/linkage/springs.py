@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 TINY = float(np.finfo(np.float64).tiny)
-"""If a spring is shorter than this [m], the formulas of its levers divide by this in place of its
-length. Therefore the levers are 0 for masses that coincide."""
+"""Lower bound of the spring length by which the formulas of the levers divide [m]. Because of this
+bound, the levers are 0 instead of NaN if the masses coincide."""
 
 
 def spring_between(
@@ -28,7 +28,7 @@ def spring_between(
     `Chain.offsets`. Let (dh, dv) = (a + h_right - h_left, v_right - v_left) and l = hypot(dh, dv).
     The derivatives of l with respect to the angles of the left and the right rotor are A = (h_left
     dv - v_left dh) / l and B = (v_right dh - h_right dv) / l; they are 0 if the masses coincide.
-    Arguments are numbers or arrays, also in compiled loops.
+    The arguments are numbers or arrays. Compiled loops also call this function.
     """
     across, up = h_right - h_left, v_right - v_left
     products = h_left * h_right + v_left * v_right

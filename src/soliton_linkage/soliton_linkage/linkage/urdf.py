@@ -38,8 +38,9 @@ def robot_description(
 ) -> str:
     """Return the URDF of a chain, with one continuous joint about the +y axis for each rotor.
 
-    By default the names are `rotor_0`, `rotor_1` and so on. A joint J moves the link `J_link`, in
-    whose frame the mass is at (0, 0, r). Raises ValueError unless each rotor has its own name.
+    By default the joint names are `rotor_0`, `rotor_1` and so on. A joint named J moves the link
+    `J_link`. In the frame of this link, the mass is at (0, 0, r). Raises ValueError unless each
+    rotor has its own name.
     """
     rotors = chain.number_of_rotors
     names = list(joint_names) or [f'rotor_{rotor}' for rotor in range(rotors)]
