@@ -39,7 +39,7 @@ PROJECTIONS = (
 
 
 def parameters(chain: Chain) -> str:
-    """Return a text with the shape parameters r/a and rest angle [rad]."""
+    """Return a text with r/a and the rest angle [rad]."""
     return f'r/a = {chain.rotor_length / chain.spacing:g}, θ̄ = {chain.rest_angle:g}'
 
 
@@ -110,8 +110,8 @@ def limits(
 ) -> tuple[float, float, float, float]:
     """Return the limits left, right, bottom and top [m] of a picture of a chain.
 
-    If `projections` is true, space for the displacement arrows is included. Odd rotors are drawn
-    `lowered` [m] below even ones.
+    If `projections` is true, the picture includes the displacement arrows below the chain. Odd
+    rotors are drawn `lowered` [m] below even ones.
     """
     margin = _MARGIN * chain.spacing
     reach = float(chain.rotor_lengths.max()) + margin
@@ -205,7 +205,10 @@ class ChainPicture:
 
 
 def expand_limits(pictures: Sequence[ChainPicture]) -> tuple[float, float]:
-    """Set equal limits with room for all visible mode arrows; return width and height [m]."""
+    """Set the same axis limits for all pictures; return their width and height [m].
+
+    The limits include all visible mode arrows.
+    """
     shown = [picture.axes for picture in pictures]
     corners = [np.transpose([axes.get_xlim(), axes.get_ylim()]) for axes in shown]
     for picture in pictures:
@@ -241,7 +244,7 @@ def add_legend(figure: Figure) -> None:
 
 
 def projection_quiver(axes: Axes, chain: Chain, angles: Array, lowered: float = 0.0) -> Quiver:
-    """Draw the displacements u_n = r sin(phi_n) [m] as arrows; return the arrows.
+    """Draw the displacements u_n = r sin(phi_n) [m] as arrows below the pivots; return the arrows.
 
     If r > a, the arrows of neighbouring rotors are in different rows, so that they do not overlap.
     """

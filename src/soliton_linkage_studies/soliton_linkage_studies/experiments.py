@@ -21,7 +21,7 @@ DISTANCE_LABEL = 'n - X [rotor spacings]'
 """Axis label of the distance of a rotor from a wall."""
 
 _ARCTANH_REACH = 0.9
-"""Width fits ignore order fields |m| above this [1], because arctanh(m) amplifies errors."""
+"""Largest order field |m| in a width fit [1], because arctanh(m) amplifies errors near |m| = 1."""
 _MIDDLE = 0.3
 """Length of the middle part, where walls are measured, divided by the chain length [1]."""
 _FRAMES = 600
@@ -68,14 +68,15 @@ def crossing_duration(chain: Chain, kick: float) -> float:
 def slow_crossing_time(chain: Chain, kick: float) -> float:
     """Return the crossing time of a wall in a chain of rigid bars [time units].
 
-    The time is (N - 1) (r / a) lambda / v0 for a kick v0, with lambda = `site_arc(chain)`.
+    The time is (N - 1) (r / a) lambda / v0 for a kick v0, with the arc length lambda of the orbit
+    per rotor spacing (`site_arc`).
     """
     way = site_arc(chain) * chain.rotor_length / chain.spacing
     return (chain.number_of_rotors - 1) * way / kick
 
 
 def energy_per_rotor(chain: Chain, angles: Array, rates: Array) -> Array:
-    """Return kinetic energy plus half the energy of the springs of each rotor [J], (..., N)."""
+    """Return each rotor's kinetic energy plus half the energy of its springs [J], (..., N)."""
     of_springs = 0.5 * chain.stiffnesses * chain.spring_extensions(angles) ** 2
     kinetic = 0.5 * chain.moments_of_inertia * rates**2
     return np.asarray(kinetic + chain.gathered(of_springs / 2, of_springs / 2))
@@ -133,9 +134,8 @@ def static_profile(chain: Chain, middle: float) -> tuple[Array, Array]:
     """Combine static walls at ten positions into one profile.
 
     The walls are at `middle`, `middle` + 0.1, and so on to `middle` + 0.9 [rotor spacings].
-    Returns the distances of the rotors from their wall [rotor spacings] and their order field m
-    [1], each of shape (K,) for all rotors of the ten walls except the edge rotors, which have two
-    rest angles.
+    Returns the distances of the rotors from the wall [rotor spacings] and their order field m [1],
+    each of shape (K,). Edge rotors, which have two rest angles, are excluded.
     """
     rotors, beyond = np.arange(chain.number_of_rotors), np.arange(SNAPSHOTS) / SNAPSHOTS
     fields = [order_field(chain, static_wall(chain, middle + each))[0] for each in beyond]

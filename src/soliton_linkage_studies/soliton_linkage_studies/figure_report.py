@@ -46,7 +46,7 @@ class Formula:
 def chain_formula(
     text: str, value: float, chain: Chain, remark: str = '', **more: float
 ) -> Formula:
-    """Return a formula with the values of the symbols in `text`, from `chain` and from `more`."""
+    """Return a formula; the values of the symbols in `text` are taken from `chain` and `more`."""
     plus, minus = couplings(chain)
     symbols = {
         'r': chain.rotor_length,
@@ -72,7 +72,7 @@ class Comparison:
     paper: str | Formula
     """Value or formula from the paper, with the equation number."""
     theory: str | Formula
-    """Formula for the discrete chain, or the name of the source of the value `stated`."""
+    """Formula for the discrete chain, or a text that names the source of the value `stated`."""
     measured: float
     """Value measured on the simulated chain."""
     stated: float = math.nan
@@ -159,7 +159,7 @@ def new_report(caption: str, width: float, height: float) -> FigureReport:
 
 
 def save_page(report: FigureReport, folder: Path, name: str, table: str = 'table.md') -> str:
-    """Save a report and the table of its comparisons; return a text with the table and folder."""
+    """Save a report and its table of comparisons; return a text with the table and folder."""
     report.save(folder, name)
     write_table({name: report.comparisons}, folder / table, [name])
     table = (folder / table).read_text(encoding='utf-8')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measurements on a chain for a sweep; each one returns the values of one table row."""
+"""Measurements on a chain for a sweep; each measurement returns the values of one table row."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ _TOLERANCE = 1e-8
 _FRAMES_A_SPACING = 4.0
 """Approximate number of frames in which a wall moves by one rotor spacing [1]."""
 _FRAMES_A_SWING = 40.0
-"""Approximate number of frames in which an edge rotor turns by 1 or, if smaller, a / r [rad]."""
+"""Approximate number of frames in which an edge rotor turns by 1 rad, or by a / r if r > a [1]."""
 _DEPARTED = 1.5
-"""The wall of a spinner has left the edge after a motion of more than this [rotor spacings]."""
+"""The wall of a spinner has left the edge if it has moved by more than this [rotor spacings]."""
 
 
 @dataclass(frozen=True)
@@ -50,9 +50,9 @@ def follow_wall(chain: Chain, edge: Edge = Edge.FIRST, legs: int = 2) -> tuple[L
     """Simulate a chain with rigid bars until the wall has crossed the chain `legs` times.
 
     The simulation starts in the left-leaning rest state if `edge` is the first edge, otherwise in
-    the right-leaning one. In a flipper the wall first moves to the nearest edge; this motion is
-    not a leg. The simulation ends early if the wall turns back, or if the arc length of a leg
-    exceeds 4 pi N [rad] for N rotors.
+    the right-leaning one. In a flipper the wall first moves to the nearest edge. This first motion
+    is not counted as a leg. The simulation ends early if the wall turns back, or if the arc length
+    of a leg exceeds 4 pi N [rad] for N rotors.
 
     The wall position is the centre of the zero mode. The wall of a flipper reaches an edge when
     the edge rotor and its spring are in line, because then the zero mode is localised on this
@@ -98,9 +98,9 @@ def check_passable(chain: Chain) -> None:
 
 
 def _leg(simulation: RigidSimulation, left: int) -> tuple[int, Leg]:
-    """Simulate until the wall that has left an edge rotor arrives at one; return this and the leg.
+    """Simulate a leg from the edge rotor `left`; return the edge rotor at its end, and the leg.
 
-    If the wall arrives nowhere, the returned edge is `left`.
+    If the wall reaches no edge, the returned edge is `left`.
     """
     chain, first = simulation.chain, simulation.frame
     last, direction = chain.number_of_rotors - 1, -1 if left else 1
@@ -125,7 +125,7 @@ def _leg(simulation: RigidSimulation, left: int) -> tuple[int, Leg]:
 
 
 def _wall(chain: Chain, angles: Array) -> tuple[float, int, tuple[bool, bool]]:
-    """Return centre and peak of the zero mode, and on which side of its spring each edge is."""
+    """Return centre and peak of the zero mode, and for each edge rotor the side of its spring."""
     mode = zero_mode(chain, angles)
     first, second = rigidity_bands(chain, angles)
     toggled = bool(first[0] > 0), bool(second[-1] > 0)
@@ -133,7 +133,7 @@ def _wall(chain: Chain, angles: Array) -> tuple[float, int, tuple[bool, bool]]:
 
 
 def _frame_arc(chain: Chain) -> float:
-    """Return the arc length per frame [rad]: the frame period [s] for rates of norm 1 rad/s."""
+    """Return the arc length per frame [rad]: the frame period [s] times rates of norm 1 rad/s."""
     spacings = 1 + chain.wall_width / chain.spacing
     of_wall = chain.rest_angle / (_FRAMES_A_SPACING * math.sqrt(spacings))
     swing = min(1.0, chain.spacing / chain.rotor_length)
@@ -154,8 +154,8 @@ OUTCOMES = ('returns', 'crosses', 'lost')
 _PIECE = 20
 """Interval at which the simulation checks whether the wall has returned [time units]."""
 _WALL_REACH = 4
-"""Energy within this distance of a wall counts as energy of the wall [larger of wall width and
-penetration depth]. The range contains 98 % of the energy of a wall."""
+"""Radius around a wall in which energy counts as energy of the wall, divided by the larger of wall
+width and penetration depth [1]. This range contains 98 % of the energy of a wall."""
 _JUMP = 5
 """If a track jumps by this or more between frames, it follows another wall [rotor spacings]."""
 
@@ -164,7 +164,7 @@ Value = float | int | str
 
 @dataclass(frozen=True)
 class SweepTrial(CheckedQuantities):
-    """Parameters with which a wall is sent through a chain."""
+    """Parameters of the simulation of a wall that moves through a chain."""
 
     kick: float = quantity(0.1, 'norm of r phi_dot after the kick', 'a sqrt(k_e / M)', 1e-9, 1e3)
     mechanics: str = quantity('elastic', 'connection between rotors', choices=MECHANICS)
@@ -175,7 +175,7 @@ class SweepTrial(CheckedQuantities):
 
 
 class SentWall(NamedTuple):
-    """Recorded motion of a chain, with the track and the crossings of its wall."""
+    """Recorded motion of a chain, the track of its wall, and the crossings in this track."""
 
     recording: Recording
     track: Track
@@ -184,7 +184,7 @@ class SentWall(NamedTuple):
 
 @dataclass(frozen=True)
 class Measure:
-    """Measurement on a chain; a picture shows one of the measured columns."""
+    """Measurement on a chain with one or more result columns, one of which a picture shows."""
 
     take: Callable[[Chain, SweepTrial], dict[str, Value]]
     columns: tuple[str, ...]

@@ -38,10 +38,10 @@ _OBSERVATION_TIME = 0.2
 _TIME_LIMIT = 120.0
 """Time limit of a move [s]; a longer move has the outcome NOT_HELD."""
 _SAMPLE_EVERY = 20
-"""A `MoveRun` contains only every n-th frame, for this number n [1]."""
+"""Number of simulated frames per frame of a `MoveRun` [1]."""
 DISORDERED = ('spacing', 'rotor_length', 'mass', 'stiffness', 'rest_length')
 _DRAWS = 100
-"""Largest number of draws of a random disorder until a wall can pass through the chain [1]."""
+"""Largest number of random disorders that are tried to find one that a wall can pass [1]."""
 
 
 @dataclass(frozen=True)
@@ -191,7 +191,7 @@ def read_moves(settings: Section, quick: bool) -> dict[MoveKey, list[MoveTask]]:
 def numbered_tasks(
     tasks: Mapping[MoveKey, Sequence[MoveTask]],
 ) -> dict[tuple[MoveKey, int], MoveTask]:
-    """Return all tasks in one mapping, whose keys are a `MoveKey` and the number of the move."""
+    """Return all tasks in one mapping; each key is a `MoveKey` and the number of the move."""
     return {(key, number): task for key, each in tasks.items() for number, task in enumerate(each)}
 
 
@@ -244,7 +244,7 @@ _REQUIRED_ACCURACY = 0.1
 _LEAST_ERROR = 1e-6
 """Smaller distances from the goal are drawn at this value [rotor spacings]."""
 _LEAST_SHARE = 1e-16
-"""Smaller energy ratios, which are rounding errors, are drawn at this value [1]."""
+"""Smaller energy ratios are rounding errors, and are drawn at this value [1]."""
 
 
 def draw_moves(

@@ -51,10 +51,11 @@ OUTCOME_COLOURS = {'returns': GREEN, 'crosses': SKY, 'lost': DARK}
 LEAN_COLOURS = 'PuOr'
 """Colour map of the displacement u: orange if a rotor leans left, purple if it leans right."""
 _REST = 0.30
-"""Distance of the colour of a rest state from the middle of the colour map [map lengths]."""
+"""Distance between the middle of the colour map and the colour of a rest state [map lengths]."""
 _NEAR_REST = ((0.95, 0.24), (1.0, _REST), (1.02, 0.36), (1.05, 0.41), (1.2, 0.46))
-"""Nodes of the colour scale [1]: displacement / rest displacement, and distance of its colour from
-the middle of the map. Oscillations of a few per cent about the rest state are visible."""
+"""Nodes of the colour scale: displacement / rest displacement [1], and distance between its colour
+and the middle of the map [map lengths]. Near the rest state the colour changes so fast that
+oscillations of a few per cent are visible."""
 LEANS_RIGHT, LEANS_LEFT = (to_hex(colormaps[LEAN_COLOURS](0.5 + side * _REST)) for side in (1, -1))
 """Colours of the right-leaning and of the left-leaning uniform state."""
 
@@ -93,7 +94,7 @@ def tint(colour: str, share: float) -> str:
 
 
 def lean_colour_scale(chain: Chain) -> tuple[Array, Array]:
-    """Return the nodes of the colour scale of a chain: displacements u [m], map positions [1]."""
+    """Return nodes of the colour scale: displacements u [m], positions in the colour map [1]."""
     rest, largest = float(lean_ticks(chain)[3]), float(lean_ticks(chain)[4])
     near = [
         (share * rest, offset) for share, offset in _NEAR_REST if share * rest < 0.99 * largest

@@ -101,7 +101,7 @@ def track_positions(axes: Axes, chain: Chain, track: Track) -> Axes:
 
 
 def track_velocities(axes: Axes, track: Track, crossings: tuple[Crossing, ...]) -> Axes:
-    """Draw the soliton velocity with its standard deviation, and the mean of each crossing."""
+    """Draw soliton velocity, its standard deviation, and the mean velocity of each crossing."""
     axes.plot(
         track.times, track.site_rates, color=palette.MEASURED, linewidth=0.8, label='measured'
     )
@@ -144,7 +144,7 @@ def _draw_band(axes: Axes, times: Array, middle: Array, deviations: Array) -> No
 
 
 def kymograph_figure(chain: Chain, recording: Recording, track: Track) -> Figure:
-    """Return a figure with only a `kymograph`."""
+    """Return a figure whose only panel is a `kymograph`."""
     figure = Figure(figsize=(8, 4.2), layout='constrained')
     kymograph(figure.subplots(), chain, recording, track)
     figure.supxlabel(_NOTE, fontsize=8)
@@ -193,7 +193,7 @@ numbered. Springs and bars are drawn between the two rotors that they join.
 
 
 def report_page(found: Identification) -> Figure:
-    """Return a page with the lengths, the encoder offsets and the noise that each bond shows."""
+    """Return a page with identified lengths, encoder offsets, and the noise of each bond."""
     figure = Figure(figsize=(8, 9), layout='constrained')
     lengths, offsets, bonds = figure.subplots(3, sharex=True, height_ratios=[3, 2, 2])
     for name, label, colour, shift in (
@@ -251,7 +251,10 @@ td {{padding: .3em .8em .3em 0; vertical-align: top}} svg {{max-width: 100%; hei
 
 
 def rig_page(found: RigFindings, names: Sequence[str], chain: str) -> str:
-    """Return the page as HTML; `names` are the joint names and `chain` describes the chain."""
+    """Return the results of a rig check as HTML.
+
+    `names` are the names of the joints, and `chain` is a description of the chain.
+    """
     from soliton_linkage.identification.rig_check import DOUBTFUL, RIGHT, WRONG
 
     colours = {RIGHT: GREEN, DOUBTFUL: ORANGE, WRONG: RED}

@@ -15,7 +15,7 @@ _FEWEST_READINGS = 4
 """Smallest number of readings of a step response [1]: one more than the unknowns of the fit."""
 _SHORTEST_STEP = 0.05
 """The initial guess uses only those intervals between readings in which |command - pressure| is
-above this fraction of the largest one [1]."""
+above this fraction of its largest value [1]."""
 
 
 @dataclass(frozen=True)
@@ -102,10 +102,10 @@ def fit_torque(pressures: Array, torques: Array) -> tuple[float, float]:
     """Estimate the torque per pressure [N m/Pa] and the saturation torque [N m].
 
     `pressures` [Pa] and `torques` [N m] contain steady readings, shape (readings,). The model
-    clip(k p, -limit, limit) is fitted by least squares. The returned limit is infinite unless a
-    finite one at least halves the sum of squared residuals of the straight line k p; then the
-    readings show no saturation, and readings at larger pressures are required. Raises ValueError
-    for fewer than two readings or if all pressures are 0.
+    clip(k p, -limit, limit) is fitted by least squares. A finite limit is returned only if it at
+    least halves the sum of squared residuals of the straight line k p. Otherwise the readings show
+    no saturation: the returned limit is infinite, and readings at larger pressures are required.
+    Raises ValueError for fewer than two readings or if all pressures are 0.
     """
     order = np.argsort(np.abs(pressures))
     pressed, twisted = np.abs(pressures[order]), np.sign(pressures[order]) * torques[order]
@@ -113,8 +113,8 @@ def fit_torque(pressures: Array, torques: Array) -> tuple[float, float]:
         raise ValueError(
             'torques must be read at two pressures or more, one of them not 0; add readings'
         )
-    # The saturated readings are those at the largest pressures. For a given number of saturated
-    # readings the fit is linear. Therefore each possible number is tried.
+    # The readings at the largest pressures are saturated. If their number is known, the fit is
+    # linear. Therefore each possible number is tried.
     fits = [_split_fit(pressed, twisted, count) for count in range(1, len(pressed) + 1)]
     straight = fits[-1]
     best = min((fit for fit in fits if fit is not None), default=None)

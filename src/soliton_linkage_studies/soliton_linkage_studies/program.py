@@ -30,10 +30,10 @@ _FAILURES = (ArithmeticError, ValueError, OSError, RuntimeError, subprocess.Subp
 
 
 class Registry(dict[str, Entry]):
-    """Entries by name, which the modules of a package add when they are imported."""
+    """Entries by name; the modules of a package add their entries when they are imported."""
 
     def add(self, name: str) -> Callable[[Entry], Entry]:
-        """Return a decorator that adds an entry; it raises ValueError for a name in use."""
+        """Return a decorator that adds an entry, and raises ValueError if its name is in use."""
 
         def added(entry: Entry) -> Entry:
             if name in self:
@@ -98,9 +98,9 @@ def study_parser(
 def study_command(
     study: Callable[[argparse.Namespace], str], left: str, *parser: Any, **options: Any
 ) -> Callable[[Sequence[str] | None], int]:
-    """Return the function `main` of a study, which returns the exit status.
+    """Return the function `main` of a study; `main` runs the study and returns the exit status.
 
-    `parser` and `options` are the arguments of `study_parser`; see `run_study` for the others.
+    `parser` and `options` are passed to `study_parser`, `study` and `left` to `run_study`.
     """
 
     def main(arguments: Sequence[str] | None = None) -> int:
@@ -150,8 +150,8 @@ def installed_settings(name: str) -> Path | None:
 def select_names(known: Sequence[str], asked: Sequence[str], option: str = '--only') -> list[str]:
     """Return the names in `known` that `asked` selects, or all of them if `asked` is empty.
 
-    An item of `asked` is a name, or the part of one or more names before their first underscore.
-    Raises ValueError for an unknown name.
+    An item of `asked` is a name, or the part of a name before its first underscore. Such a part
+    selects all names that begin with it and an underscore. Raises ValueError for an unknown name.
     """
     aliases = {name: {name, name.split('_')[0]} for name in known}
     for name in asked:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Settings of studies, read from YAML files; errors name the file, the key and the value."""
+"""Settings of studies, read from YAML files; errors state the file, the key and the value."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ _CHAIN_KEYS = (
 
 
 def setting(description: str, unit: str, minimum: float, maximum: float) -> Any:
-    """Return a required dataclass field that `Section.values_of` reads; see also `quantity`."""
+    """Return a dataclass field with a closed range, for a value that `Section.values_of` reads."""
     return quantity(MISSING, description, unit, minimum, maximum)
 
 
 @dataclass(frozen=True)
 class Section:
-    """Section of a settings file; methods raise ValueError for a missing or invalid value."""
+    """Section of a settings file; its methods raise ValueError for a missing or invalid value."""
 
     file: str
     """Path of the file, for error messages."""
@@ -36,7 +36,7 @@ class Section:
     values: Mapping[str, object]
 
     def error(self, key: str, what: str) -> ValueError:
-        """Return an error that names the file and the key, and the value if the key has one."""
+        """Return an error; its text is the file, the key, the value if present, and `what`."""
         where = f'{self.file}: {self._full(key)}'
         value = f' = {self.values[key]!r}' if key in self.values else ''
         return ValueError(f'{where}{value} {what}')
@@ -48,14 +48,14 @@ class Section:
                 raise self.error(key, f'is not known; known keys are {", ".join(keys)}')
 
     def section(self, key: str) -> Section:
-        """Return the value of a key, which must be a section."""
+        """Return the section at a key; its value must be a mapping."""
         value = self._value(key, 'a section of keys')
         if not isinstance(value, Mapping):
             raise self.error(key, 'must be a section; indent its keys beneath it')
         return _section(self.file, self._full(key), value)
 
     def sections(self, key: str) -> dict[str, Section]:
-        """Return all values in the section of a key, by their keys; each must be a section."""
+        """Return the subsections of the section at a key, by name."""
         found = self.section(key)
         return {name: found.section(name) for name in found.values}
 
@@ -68,9 +68,10 @@ class Section:
         return {name: chain_from(each) for name, each in self.sections('chains').items()}
 
     def values_of(self, kind: type, *more: str) -> dict[str, Any]:
-        """Return the values of the fields of a dataclass that `setting` defines, by name.
+        """Return, by name, a value for each field of the dataclass `kind` that `setting` defined.
 
-        `more` are further allowed keys. Raises ValueError for an invalid value or another key.
+        The section may also contain the keys `more`, whose values are not returned. Raises
+        ValueError for an invalid value or any other key.
         """
         described = described_fields(kind)
         self.check_keys(*more, *described)
@@ -111,7 +112,10 @@ class Section:
         return tuple(self._checked(key, value, minimum, maximum, wanted) for value in values)
 
     def text(self, key: str, choices: tuple[str, ...] = (), default: str | None = None) -> str:
-        """Return a text, one of `choices` if any, or the default if the key is absent."""
+        """Return a text, or the default if the key is absent.
+
+        If `choices` are given, the text must be one of them.
+        """
         wanted = f'one of {", ".join(choices)}' if choices else 'a text'
         value = self._value(key, wanted, default)
         if not isinstance(value, str) or (choices and value not in choices):
@@ -157,8 +161,9 @@ def load_settings(path: Path | str) -> Section:
 def chain_from(section: Section) -> Chain:
     """Return the chain that a section of a settings file describes.
 
-    The keys have the names and units of the fields of `Chain`, but `rotor_length_ratio` is r / a
-    [1]. `rotor_length_ratio`, `rest_angle` and `number_of_rotors` are required.
+    The keys `number_of_rotors`, `rest_angle` and `rotor_length_ratio` (rotor length / spacing [1])
+    are required. The keys `spacing`, `mass`, `stiffness` and `damping` are optional. Units are
+    those of the fields of `Chain`.
     """
     section.check_keys(*_CHAIN_KEYS)
     limits = {

@@ -36,11 +36,13 @@ Integers = NDArray[np.int64]
 _ARC_TOLERANCE = 1e-12
 """Tolerance of the integration along a curve [rad]; for d near d_c, rounding errors are larger."""
 _CLOSED = 1e-6
-"""A curve is closed if its ends differ by whole turns to within this [turns]."""
+"""Largest difference from a whole number of turns between the ends of a closed curve [turns]."""
 
 
 def partner_angles(chain: Chain, theta_1: ArrayLike) -> Array:
-    """Return both solutions theta_2 [rad] for each theta_1 [rad], shape (..., 2); NaN if none.
+    """Return both angles theta_2 [rad] that are possible for each theta_1 [rad], shape (..., 2).
+
+    If no theta_2 is possible, both are NaN.
 
     The bar has its rest length if p cos(theta_2) + q sin(theta_2) = g with p = r cos(theta_1), q =
     a - r sin(theta_1) and g = r cos(2 theta_bar) + a sin(theta_1). The solutions are atan2(q, p)
@@ -49,8 +51,8 @@ def partner_angles(chain: Chain, theta_1: ArrayLike) -> Array:
         p^2 + q^2 - g^2 = (lbar - 2 r cos(theta_bar)^2 - a sin(theta_1))
                           (lbar + 2 r cos(theta_bar)^2 + a sin(theta_1)).
 
-    The first factor is 0 if d = d_c and theta_1 = pi / 2; it is computed without cancellation
-    there.
+    The first factor is 0 if d = d_c and theta_1 = pi / 2. Near these values it is computed without
+    cancellation.
     """
     factor, partners = _partners(chain, np.asarray(theta_1, dtype=np.float64))
     return np.where(factor[..., None] >= 0, partners, np.nan)
@@ -61,9 +63,9 @@ def configuration_curves(chain: Chain, points: int = 400) -> tuple[Array, ...]:
 
     Each curve has shape (points + 1, 2) and contains continuous staggered angles (theta_1,
     theta_2) [rad] in equal steps of arc length. A flipper has one contractible curve, which begins
-    at s = 0 and passes first through the right-leaning states. A spinner has two curves, along
-    each of which theta_1 increases by one turn and theta_2 decreases by one turn; sin(theta_1 +
-    theta_2) is positive on the first curve.
+    at s = 0 and passes first through the right-leaning states. A spinner has two curves. Along
+    each of them theta_1 increases by one turn and theta_2 decreases by one turn. On the first
+    curve sin(theta_1 + theta_2) is positive.
     """
     pieces = 2 if chain.motion is Motion.SPINNER else 4
     pieces_done = np.linspace(0, pieces, points + 1)
@@ -97,8 +99,8 @@ def windings(curve: ArrayLike) -> tuple[int, int]:
 def ground_states(chain: Chain) -> Array:
     """Return the staggered angles (theta, theta) of the uniform states [rad], shape (4, 2).
 
-    The state theta = theta_bar leans right, and -theta_bar leans left. Both pi - theta_bar and pi
-    + theta_bar are upside down.
+    The state theta = theta_bar leans right, and -theta_bar leans left. In the states pi -
+    theta_bar and pi + theta_bar the cell is upside down.
     """
     angle = chain.rest_angle
     return np.repeat([angle, -angle, math.pi - angle, math.pi + angle], 2).reshape(4, 2)
@@ -187,7 +189,7 @@ def _partners(chain: Chain, theta_1: Array) -> tuple[Array, Array]:
 
 
 def _excess(chain: Chain) -> float:
-    """Return r sin(theta_bar)^2 - a [m], or 0 if rounding has changed its sign."""
+    """Return r sin(theta_bar)^2 - a [m], or 0 if rounding errors have changed its sign."""
     excess = chain.rotor_length * math.sin(chain.rest_angle) ** 2 - chain.spacing
     spinner = chain.motion is Motion.SPINNER
     return max(excess, 0.0) if spinner else min(excess, 0.0)

@@ -28,11 +28,12 @@ _MAXIMUM_COUNT = 1000
 """Largest number of processes [1]; a larger number is probably a typing error."""
 _INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
 _CHUNK_DURATION = 1.0
-"""A task returns its rows after about this [s], so that a later failure does not lose them."""
+"""Approximate duration of a task [s]. It is short because a task that fails loses all its rows."""
 _CHUNK_GROWTH = 4
-"""Largest ratio of successive chunk sizes [1], because the first rows may be unusually fast."""
+"""Largest growth of the number of rows per task [1], because the first rows may be unusually
+fast."""
 _CHUNKS_PER_WORKER = 2
-"""Number of submitted chunks per worker [1]: one chunk is measured while the next one waits."""
+"""Number of submitted tasks per worker [1]: one task runs while the next one waits."""
 
 Chunk = tuple[list[list[str]], list[int], float]
 
@@ -48,9 +49,9 @@ class Processes:
     """Worker processes on this machine, which `local_processes` creates.
 
     Each process has its own pipe and shares no thread and no lock with the parent. Therefore the
-    parent can be interrupted, and a process killed, at any time. The alternatives are slower:
-    `ProcessPoolExecutor` and loky 3.7 had not ended 60 s after Ctrl-C, and
-    `distributed.LocalCluster` 2026.8 takes 13 s to end, and 3.2 s to start instead of 0.25 s.
+    parent can be interrupted, and a process killed, at any time. The alternatives are slower.
+    `ProcessPoolExecutor` and loky 3.7 had not ended 60 s after Ctrl-C. `distributed.LocalCluster`
+    2026.8 takes 3.2 s to start, where this class takes 0.25 s, and 13 s to end.
     """
 
     def __init__(self) -> None:
@@ -67,8 +68,9 @@ class Processes:
     def start(self, count: int) -> None:
         """Start single-threaded processes."""
         context = multiprocessing.get_context('spawn')
-        # Start the resource tracker here. Otherwise it would start together with the first
-        # process. Its start unblocks SIGINT, so that the processes would receive Ctrl-C.
+        # Start the resource tracker of multiprocessing before SIGINT is blocked. Otherwise it
+        # would start with the first process and unblock SIGINT, so that the processes would
+        # receive Ctrl-C.
         resource_tracker.ensure_running()
         with defer_interrupts(), _environment(_ONE_THREAD):
             for _ in range(count):
@@ -87,7 +89,7 @@ class Processes:
         return future
 
     def finished(self) -> Iterator[Future[Any]]:
-        """Yield the future of each task when it ends.
+        """Yield the future of each task as soon as the task has ended.
 
         Raises ChildProcessError if a process has ended unexpectedly.
         """
@@ -167,7 +169,7 @@ def local_processes(count: int) -> Iterator[Processes]:
 
 @contextmanager
 def cluster(address: str, timeout: float = 10.0) -> Iterator[Pool]:
-    """Connect to a running Dask cluster; `address` is that of its scheduler.
+    """Connect to a running Dask cluster whose scheduler has the given address.
 
     Raises ValueError if the package `distributed` is not installed, if the scheduler does not
     answer within the timeout [s], or if the cluster has no worker.
@@ -213,7 +215,7 @@ Pool = Processes | _Cluster
 
 
 def measure_rows(pool: Pool, table: Rows, rows: Sequence[int]) -> Iterator[list[list[str]]]:
-    """Measure rows in parallel; when a task ends, yield the cells of the rows that it measured."""
+    """Measure rows in parallel; whenever a task ends, yield the cells of its rows."""
     waiting = deque(rows)
     finished = pool.finished()
     running, size = 0, 1
