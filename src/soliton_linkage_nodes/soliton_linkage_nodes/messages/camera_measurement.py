@@ -44,10 +44,10 @@ class CameraParameters:
 
 
 class CameraReading(NamedTuple):
-    """Angles of the rotors in one picture, at the time `stamp`."""
+    """Angles of the rotors in one picture."""
 
     stamp: int
-    """Middle of the exposure of the picture row that shows the pivots [ns]."""
+    """Time of the angles [ns]: middle of the exposure of the picture row that shows the pivots."""
     frame: AngleFrame
 
 
@@ -63,7 +63,7 @@ class CameraMeasurement:
     ) -> None:
         self.gaps = GapCounter()
         self.detector: AngleCamera | DarkRotors | None = None
-        """Detector of markers or of dark rotors, None before the first picture."""
+        """Detector of markers or of dark rotors. It is None before the first picture."""
         self._named, self._markers, self._parameters = named, markers, parameters
         self._camera = camera
         self._first: int | None = None
@@ -71,13 +71,14 @@ class CameraMeasurement:
 
     @property
     def moves(self) -> int:
-        """Number of times that the camera has moved."""
+        """Number of times that the camera has moved; always 0 for a chain without markers."""
         return self.detector.frame_markers.moves if isinstance(self.detector, AngleCamera) else 0
 
     def measure(self, stamp: int, picture: Picture) -> CameraReading:
         """Return the angles of the rotors in a picture that was taken at `stamp` [ns].
 
-        Raises ValueError if the picture is rejected or `stamp` is not later than the previous one.
+        Raises ValueError if the detector rejects the picture, or if `stamp` is not later than the
+        stamp of the previous picture.
         """
         if stamp <= self._last:
             raise ValueError(
@@ -106,17 +107,17 @@ class CameraMeasurement:
 
 
 def angles_to_msg(named: NamedChain, seen: CameraReading) -> JointState:
-    """Return the measured angles as joint states. The angle of a hidden rotor is NaN."""
+    """Return the measured angles as joint states. The angles of hidden rotors are NaN."""
     return joint_state(named, time_to_msg(seen.stamp), position=seen.frame.angles)
 
 
 def deviations_to_msg(named: NamedChain, seen: CameraReading) -> JointState:
-    """Return joint states whose positions are the standard deviations of the angles [rad]."""
+    """Return joint states with the standard deviations of the angles in `position` [rad]."""
     return joint_state(named, time_to_msg(seen.stamp), position=seen.frame.deviations)
 
 
 def describe_reading(measurement: CameraMeasurement, seen: CameraReading) -> str:
-    """Describe a reading: visible rotors, and numbers of camera moves and of missing pictures."""
+    """Describe the visible rotors, the moves of the camera and the number of missing pictures."""
     parts = [seen.frame.status or 'all rotors are visible']
     if measurement.moves:
         times = 'once' if measurement.moves == 1 else f'{measurement.moves} times'
@@ -127,7 +128,7 @@ def describe_reading(measurement: CameraMeasurement, seen: CameraReading) -> str
 
 
 def median_deviation(frame: AngleFrame) -> float:
-    """Return the median standard deviation of the visible angles [rad], NaN if none is visible."""
+    """Return the median standard deviation [rad] of the visible angles; NaN without any."""
     known = frame.deviations[np.isfinite(frame.deviations)]
     return float(np.median(known)) if len(known) else float('nan')
 
@@ -135,7 +136,11 @@ def median_deviation(frame: AngleFrame) -> float:
 def walls_on_overlay(
     solitons: tuple[AnalysedSoliton, ...], spacing: float, since: float = 0.0
 ) -> list[WallMark]:
-    """Return marks where the solitons are `since` [s] after their state; `spacing` is in [m]."""
+    """Return a mark at the position of each soliton.
+
+    The positions are extrapolated by the time `since` [s] with the velocities of the solitons.
+    `spacing` is the distance between neighbouring pivots [m].
+    """
     return [
         WallMark(
             each.rotor + (each.velocity * since / spacing if math.isfinite(each.velocity) else 0),

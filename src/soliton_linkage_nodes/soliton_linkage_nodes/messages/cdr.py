@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fast CDR decoding and encoding of messages with a stamp, joint names and arrays of doubles.
 
-A general decoder needs most of its time for the joint names. This decoder only checks whether
-their bytes are the same as in the previous message. The encoder overwrites the stamp and the
-arrays of an encoded message.
+A general decoder spends most of its time on the joint names. The decoders in this module only
+check whether the bytes of the names are the same as in the previous message. The encoders in this
+module encode a message once and then overwrite only its stamp and its arrays.
 """
 
 from __future__ import annotations
@@ -28,21 +28,21 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 _LITTLE_ENDIAN = b'\x00\x01'
 _STAMP = struct.Struct('<4xiI')
 _SHORTEST = 12
-"""Size of the shortest message with a stamp, including the encapsulation header [B]."""
+"""Size of the encapsulation header and a stamp [B]; shorter messages are invalid."""
 _COUNT = struct.Struct('<I')
 _ENCAPSULATION_BYTES = 4
 """Size of the encapsulation header [B]."""
 _DOUBLES = np.dtype('<f8')
 _EMPTY = np.zeros(0)
-"""Empty sequence of doubles."""
+"""Array of an empty sequence."""
 
 
 class Layout:
-    """Byte layout of the messages that have a certain frame id and certain joint names.
+    """Byte layout of all messages that have the same frame id and the same joint names.
 
-    CDR encodes a string as its length, its bytes and a zero byte, and a sequence as the number of
-    its elements and the elements. Lengths start at multiples of 4 bytes and doubles at multiples
-    of 8 bytes, counted from the end of the encapsulation header.
+    CDR encodes a string as its length, its bytes and a zero byte. It encodes a sequence as the
+    number of elements, followed by the elements. A length or number starts at a multiple of 4
+    bytes and a double at a multiple of 8 bytes, counted from the end of the encapsulation header.
     """
 
     def __init__(self, frame_id: str, name: tuple[str, ...]) -> None:
@@ -58,7 +58,7 @@ class Layout:
         self._fitted = self._head.tobytes()
 
     def fits(self, serialized: bytes) -> bool:
-        """Return whether a message has the frame id and the names of this layout."""
+        """Return whether a message has the frame id and the joint names of this layout."""
         if len(serialized) < self._end or not serialized.startswith(_LITTLE_ENDIAN):
             return False
         if serialized.startswith(self._fitted, _STAMP.size):
@@ -75,7 +75,7 @@ class Layout:
         return seconds, nanoseconds
 
     def arrays(self, serialized: bytes | bytearray, number: int) -> list[Array]:
-        """Return the first `number` arrays of a message, as views that may be unaligned."""
+        """Return the first `number` arrays of a message as views, which may be unaligned."""
         arrays, end = [], self._end
         for _ in range(number):
             (count,) = _COUNT.unpack_from(serialized, end)
@@ -90,13 +90,16 @@ class Layout:
 
 
 class JointStateDecoder:
-    """Decoder of joint states, which is fast if frame id and names do not change."""
+    """Decoder of joint states. It is fast as long as frame id and joint names do not change."""
 
     def __init__(self) -> None:
         self._layout: Layout | None = None
 
     def decode(self, serialized: bytes) -> JointStates:
-        """Return joint states, which may be views of `serialized`; ValueError if it is damaged."""
+        """Return the joint states. Their arrays may be views of `serialized`.
+
+        Raises ValueError if the message is damaged.
+        """
         layout = self._layout
         try:
             if layout is not None and layout.fits(serialized):
@@ -110,11 +113,11 @@ class JointStateDecoder:
         return joints
 
     def same_joints(self, serialized: bytes) -> bool:
-        """Return whether a message has the frame id and the names of the last decoded message."""
+        """Return whether a message has the same frame id and names as the last decoded message."""
         return self._layout is not None and self._layout.fits(serialized)
 
     def stamp(self, serialized: bytes) -> int:
-        """Return only the stamp [ns]; ValueError if the message is damaged."""
+        """Return the stamp [ns] of a message. Raises ValueError if the message is damaged."""
         layout = self._layout
         if layout is not None and layout.fits(serialized):
             seconds, nanoseconds = layout.stamp(serialized)
@@ -123,7 +126,10 @@ class JointStateDecoder:
 
 
 def stamp_of(serialized: bytes) -> int:
-    """Return the stamp of a message with a header [ns]; ValueError if too short or big-endian."""
+    """Return the stamp [ns] of a message with a header.
+
+    Raises ValueError if the message is too short or big-endian.
+    """
     if len(serialized) < _SHORTEST or not serialized[1] & 1:
         raise ValueError('a message is shorter than its header, or big-endian')
     seconds, nanoseconds = _STAMP.unpack_from(serialized)
@@ -131,7 +137,7 @@ def stamp_of(serialized: bytes) -> int:
 
 
 class _RotorDecoder:
-    """Decoder of messages with one value per joint name, which is fast if names do not change."""
+    """Decoder of messages with one value per joint. It is fast as long as names do not change."""
 
     _type: Any
     _topic: str
@@ -170,7 +176,7 @@ class ImpulseDecoder(_RotorDecoder):
 
 
 class TorqueDecoder(_RotorDecoder):
-    """Decoder of rotor_torques messages: joint states whose efforts are torques [N m]."""
+    """Decoder of rotor_torques messages. They are joint states whose efforts are torques [N m]."""
 
     _type, _topic, _arrays = JointState, 'rotor_torques', 3
     _from_msg = staticmethod(conversions.torques_from_msg)
@@ -183,7 +189,7 @@ def _damaged(topic: str, serialized: bytes, type_name: str, error: Exception) ->
 
 
 class _MessageBuffer:
-    """Serialized message, in which `fill` replaces the stamp and the arrays."""
+    """Serialized message. The method `fill` replaces the stamp and the arrays in place."""
 
     def __init__(self, message: Any, arrays: int) -> None:
         self._bytes = bytearray(serialize(message))
@@ -230,7 +236,7 @@ class TorqueBuffer(_MessageBuffer):
 
 
 def read_stamp(serialized: bytes) -> int:
-    """Return the stamp [ns] of a message with a header, 0 if the message is big-endian."""
+    """Return the stamp [ns] of a message with a header; 0 if the message is big-endian."""
     if not serialized.startswith(_LITTLE_ENDIAN):
         return 0
     seconds, nanoseconds = _STAMP.unpack_from(serialized)
@@ -238,14 +244,14 @@ def read_stamp(serialized: bytes) -> int:
 
 
 def stamped(serialized: bytes, stamp: int) -> bytes:
-    """Return a copy of a message that has a header, with its stamp replaced by `stamp` [ns]."""
+    """Return a copy of a message with a header, in which `stamp` [ns] replaces the old stamp."""
     order = '<' if serialized[1:2] == _LITTLE_ENDIAN[1:] else '>'
     head = serialized[:_ENCAPSULATION_BYTES]
     return head + struct.pack(f'{order}iI', *divmod(stamp, SECOND)) + serialized[_STAMP.size :]
 
 
 def publish_buffer(publisher: Publisher, serialized: bytearray) -> None:
-    """Publish a serialized message without the copy that `Publisher.publish` makes."""
+    """Publish a serialized message without copying it, unlike `Publisher.publish`."""
     handle = publisher.handle
     with handle:
         handle.publish_raw(serialized)

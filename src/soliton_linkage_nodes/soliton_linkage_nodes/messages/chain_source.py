@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sources of the description of a chain: the topic `chain`, parameters, or a parameter file."""
+"""Chain descriptions from the topic `chain`, from parameters of a node or from a file."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ Group = TypeVar('Group')
 
 @dataclass(frozen=True)
 class ChainSourceParameters:
-    """Source of the chain description, and names of the joints."""
+    """Choice of the source of the chain description, and the joint names."""
 
     chain_from: str = quantity(
         'topic',
@@ -52,7 +52,7 @@ class ChainSourceParameters:
 
 @dataclass(frozen=True)
 class OptionalChainSourceParameters(ChainSourceParameters):
-    """Source of the chain description, for a node that can also work with an unknown chain."""
+    """Choice of the source for a node that can also work while the chain is unknown."""
 
     chain_from: str = quantity(
         'topic',
@@ -73,12 +73,18 @@ CHAIN_SOURCE_PARAMETERS: dict[type, str] = {ChainSourceParameters: '', **CHAIN_P
 
 
 def declare_chain(node: Node) -> NamedChain:
-    """Declare the parameters `chain.*` and return the chain; ValueError for an invalid chain."""
+    """Declare the parameters `chain.*` and return the chain that they describe.
+
+    Raises ValueError if the chain is invalid.
+    """
     return chain_of(lambda kind: declare(node, kind, CHAIN_PARAMETERS[kind]))
 
 
 def chain_of(read: Callable[[Any], Any]) -> NamedChain:
-    """Return the described chain; `read` creates an instance of a class from the parameters."""
+    """Return the chain that parameters describe.
+
+    `read` takes a class of parameters and returns an instance with the values of the parameters.
+    """
     chain: Chain = read(Chain)
     given: Deviations = read(Deviations)
     disorder: Disorder = read(Disorder)
@@ -100,7 +106,10 @@ def describe_chain(chain: Chain) -> str:
 
 
 def declare_chain_source(node: Node) -> None:
-    """Declare the parameters of a `ChainSource`; ValueError if the chain or a name is invalid."""
+    """Declare the parameters of a `ChainSource`.
+
+    Raises ValueError if they describe an invalid chain or if a joint name occurs twice.
+    """
     check_names('parameter joint_names', declare(node, ChainSourceParameters).joint_names)
     declare_chain(node)
 
@@ -115,7 +124,10 @@ class ChainSource:
         on_chain: Callable[[NamedChain], None] = lambda named: None,
         parameters: type[ChainSourceParameters] = ChainSourceParameters,
     ) -> None:
-        """Read the parameters or subscribe to `chain`; ValueError if a parameter is invalid."""
+        """Read the chain from the parameters, or subscribe to the topic `chain`.
+
+        Raises ValueError if a parameter is invalid.
+        """
         self.named: NamedChain | None = None
         self._subscription: StreamSubscription | None = None
         self._node, self._logger = node, node.get_logger()
@@ -133,20 +145,20 @@ class ChainSource:
 
     @property
     def description(self) -> str:
-        """Description of the chain or, while the chain is unknown, of its source."""
+        """Text that describes the chain or, while the chain is unknown, names the source."""
         if self.named is not None:
             return describe_chain(self.named.chain)
         known = self.parameters.chain_from == 'topic'
         return f'the chain of {self._topic}' if known else 'an unknown chain'
 
     def publish_parameters(self) -> None:
-        """Publish the chain on `chain` if parameters describe it."""
+        """Publish the chain on the topic `chain` if it was read from parameters."""
         if self.parameters.chain_from == 'parameters' and self.named is not None:
             stamp = self._node.get_clock().now().to_msg()
             interfaces.CHAIN.publisher(self._node).publish(chain_to_msg(self.named, stamp))
 
     def resubscribe(self) -> None:
-        """Subscribe again, so that the latched chain of a new publisher is received."""
+        """Subscribe again in order to receive the latched chain of a new publisher."""
         if self._subscription is not None:
             self._subscription.resubscribe()
 
@@ -177,7 +189,10 @@ class ChainSource:
 def with_joints(
     named: NamedChain, joints: tuple[str, ...], source: str = 'parameter joint_names'
 ) -> NamedChain:
-    """Return the chain with `joints`, if any; ValueError about `source` for a wrong number."""
+    """Return the chain with the joint names `joints`; without names, return `named` unchanged.
+
+    Raises ValueError if the number of names is wrong. The error text calls the list `source`.
+    """
     if joints and len(joints) != named.rotors:
         raise ValueError(
             f'{source} has {len(joints)} names for {named.rotors} rotors; give one name for each '
@@ -187,11 +202,11 @@ def with_joints(
 
 
 _LONGEST_VALUE = 40
-"""Texts of values, such as long lists, are cut to this length [characters]."""
+"""Largest length of the text of a value [characters]; longer texts are cut."""
 
 
 class ParameterFile:
-    """Parameters in a file; `values` maps names to values and joins the sections of all nodes."""
+    """Parameter file. `values` maps the parameter names of all nodes in the file to values."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -203,7 +218,11 @@ class ParameterFile:
         self.values = {name: value for held in sections for name, value in held.items()}
 
     def read(self, kind: type[Group], prefix: str) -> Group:
-        """Return an instance of `kind` with the values of `prefix` + field name, else defaults."""
+        """Return an instance of the dataclass `kind` with values from the file.
+
+        The value of a field is the parameter whose name is `prefix` plus the name of the field. A
+        field whose parameter is not in the file has its default.
+        """
         given = {name: self.values.get(prefix + name) for name in described_fields(kind)}
         values = {name: value for name, value in given.items() if value is not None}
         return kind(**{n: tuple(v) if isinstance(v, list) else v for n, v in values.items()})
@@ -223,7 +242,7 @@ class ParameterFile:
 
 
 def chain_of_file(path: Path) -> NamedChain:
-    """Return the chain of a parameter file; ValueError if file or chain is invalid."""
+    """Return the chain in a parameter file. Raises ValueError if file or chain is invalid."""
     file = ParameterFile(path)
     file.check('chain.', CHAIN_PARAMETERS)
     named = chain_of(lambda kind: file.read(kind, CHAIN_PARAMETERS[kind]))
@@ -233,7 +252,7 @@ def chain_of_file(path: Path) -> NamedChain:
 
 
 def markers_of_file(path: Path) -> MarkerSettings:
-    """Return the marker settings of a parameter file; ValueError if a setting is unknown."""
+    """Return the marker settings in a parameter file. Raises ValueError for an unknown setting."""
     file = ParameterFile(path)
     file.check('markers.', {MarkerSettings: 'markers.'})
     settings = file.read(MarkerSettings, 'markers.')
@@ -241,7 +260,7 @@ def markers_of_file(path: Path) -> MarkerSettings:
 
 
 def differences(one: NamedChain, other: NamedChain) -> str:
-    """Return a text with those parameters of two chains that differ, and both of their values."""
+    """Describe the parameters in which two chains differ, with both values of each parameter."""
     names = [field.name for field in fields(Chain)]
     pairs = [(name, getattr(one.chain, name), getattr(other.chain, name)) for name in names]
     pairs.append(('joint_names', one.joint_names, other.joint_names))

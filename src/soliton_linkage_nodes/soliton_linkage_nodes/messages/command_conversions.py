@@ -44,8 +44,8 @@ class JointActuators:
     def checked(self, source: str, names: Sequence[str], torques: Array) -> tuple[Rotors, Array]:
         """Return the rotors of the joints `names`, and their torques [N m].
 
-        The last axis of `torques` has one entry for each name. Raises ValueError, whose text calls
-        the torques `source`, if a joint has no actuator or a torque exceeds its limit.
+        The last axis of `torques` has one entry for each name. Raises ValueError if a joint has no
+        actuator or a torque exceeds its limit. The error text calls the torques `source`.
         """
         check_names(source, names)
         index_of = {name: index for index, name in enumerate(self.names)}
@@ -95,7 +95,7 @@ def joint_actuators(
 
 
 def edge_command_from_msg(message: msg.EdgeCommand) -> EdgeCommand:
-    """Return the command to an edge actuator; ValueError if a field is invalid."""
+    """Return the command in a message. Raises ValueError if a field is invalid."""
     chosen: dict[str, Any] = {}
     for name, known in _CODES.items():
         code = getattr(message, name)
@@ -112,7 +112,7 @@ def edge_command_from_msg(message: msg.EdgeCommand) -> EdgeCommand:
 
 
 def edge_command_to_msg(command: EdgeCommand) -> msg.EdgeCommand:
-    """Return the message of a command to an edge actuator."""
+    """Return the message that describes a command to an edge actuator."""
     waveform = command.waveform
     given = {name: _code(command, name) for name in _ENUMS}
     given |= {name: getattr(command, name) for name in _FIELDS}
@@ -130,7 +130,10 @@ def _code(command: EdgeCommand | Waveform, name: str) -> Any:
 def efforts_from_msg(
     actuators: JointActuators, source: str, message: JointState
 ) -> tuple[Rotors, Array]:
-    """Return the rotors and their torques [N m]; ValueError about `source` if not accepted."""
+    """Return the rotors and their torques [N m] in a message.
+
+    Raises ValueError if the message is not accepted. The error text calls the message `source`.
+    """
     if message.position or message.velocity:
         raise ValueError(
             f'{source} commands positions or velocities; the actuators accept only effort'
@@ -144,7 +147,10 @@ def efforts_from_msg(
 def efforts_from_array(
     actuators: JointActuators, source: str, message: Float64MultiArray
 ) -> tuple[Rotors, Array]:
-    """Return all rotors with actuators and torques [N m]; ValueError about `source` if invalid."""
+    """Return all rotors that have an actuator, and their torques [N m] in a message.
+
+    Raises ValueError if a torque is invalid. The error text calls the message `source`.
+    """
     torques = np.asarray(message.data, dtype=np.float64)
     return actuators.checked(f'{source}.data', actuators.names, torques)
 
@@ -154,7 +160,7 @@ def trajectory_from_msg(
 ) -> tuple[Rotors, Array, Array]:
     """Return the rotors, times [s] and torques [N m], shape (times, rotors), of a trajectory.
 
-    Raises ValueError, whose text calls the message `source`, if the message is not accepted.
+    Raises ValueError if the message is not accepted. The error text calls the message `source`.
     """
     if not message.joint_names:
         raise ValueError(f'{source} has points but no joints; fill joint_names')
@@ -180,7 +186,7 @@ def trajectory_from_msg(
 
 
 def delivery_to_msg(delivered: DeliveryTotals) -> msg.Delivery:
-    """Return the message with the total impulse and work that the chain has received."""
+    """Return the message with the totals of the impulses and torques on the chain."""
     return msg.Delivery(
         header=Header(stamp=time_to_msg(delivered.stamp), frame_id=FRAME),
         **{name: getattr(delivered, name) for name in _DELIVERY},
@@ -189,7 +195,7 @@ def delivery_to_msg(delivered: DeliveryTotals) -> msg.Delivery:
 
 
 def delivery_from_msg(message: msg.Delivery) -> DeliveryTotals:
-    """Return the total impulse and work that the chain has received according to a message."""
+    """Return the totals of the impulses and torques on the chain from a message."""
     impulse = np.asarray(message.impulse_of_torques, dtype=np.float64)
     totals = {name: getattr(message, name) for name in _DELIVERY}
     stamp = time_from_msg(message.header.stamp)
@@ -197,7 +203,7 @@ def delivery_from_msg(message: msg.Delivery) -> DeliveryTotals:
 
 
 def last_kick_to_msg(named: NamedChain, kick: KickReport) -> msg.LastKick:
-    """Return the message about a finished kick, with the joints that received an impulse."""
+    """Return the message about a finished kick. It lists only joints that received an impulse."""
     acted_on = np.flatnonzero(kick.impulse)
     return msg.LastKick(
         header=Header(stamp=time_to_msg(kick.stamp), frame_id=FRAME),
@@ -216,17 +222,19 @@ def last_kick_to_msg(named: NamedChain, kick: KickReport) -> msg.LastKick:
 
 @dataclass(frozen=True)
 class StampRule:
-    """Limits for the stamps of commands; the stamp 0 means the present time.
-
-    A command may be at most `oldest` [s] old, or at most `longest` [s] if `oldest` is 0. It must
-    end at most `longest` [s] from now.
-    """
+    """Limits for the stamps of commands. A stamp of 0 means the present time."""
 
     oldest: float
+    """Largest age of a command that is executed at once [s]; 0 means that `longest` applies."""
     longest: float
+    """A command must end at most this time from now [s]."""
 
     def check_at_once(self, source: str, stamp: int, now: int) -> None:
-        """Raise ValueError if a command to be executed now has a stamp too far from `now` [ns]."""
+        """Check the stamp [ns] of a command that is executed at once, at the time `now` [ns].
+
+        Raises ValueError if the stamp differs from `now` by more than the limit, in the past or in
+        the future.
+        """
         age = self._age(stamp, now)
         limit = self.oldest or self.longest
         if age > limit:
@@ -241,9 +249,10 @@ class StampRule:
             )
 
     def delay(self, source: str, stamp: int, now: int, duration: float) -> float:
-        """Return the time from `now` [ns] to the start of a command [s], negative after the start.
+        """Return the time from `now` [ns] to the start of a command [s].
 
-        Raises ValueError if the command, of `duration` [s], has ended or ends too late.
+        The time is negative if the command should have started before. Raises ValueError if the
+        command, which lasts `duration` [s], has already ended or ends too late.
         """
         delay = -self._age(stamp, now)
         if delay + duration < 0:
@@ -255,7 +264,7 @@ class StampRule:
         return delay
 
     def check_length(self, source: str, ends: float) -> None:
-        """Raise ValueError if a command ends too late, in `ends` [s] from now."""
+        """Raise ValueError if a command ends too late. `ends` is the time until its end [s]."""
         if ends > self.longest:
             raise ValueError(
                 f'{source} ends {ends:.3g} s from now, the limit is {self.longest:g} s; send '

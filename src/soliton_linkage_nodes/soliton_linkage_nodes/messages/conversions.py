@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Chains with joint names, frames of joint states, and their conversion to messages and back."""
+"""Conversion of chains, joint states, impulses and torques to messages and back."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 FRAME = 'linkage'
 """Name of the coordinate frame whose x axis runs along the pivots."""
 _LARGEST_ANGLE = 1e6
-"""Largest angle in a reset request [rad]; larger angles would have large rounding errors."""
+"""Largest angle in a reset request [rad]. Larger angles would have large rounding errors."""
 _LARGEST_RATE = 1e6
 """Largest angular velocity in a reset request [rad/s]."""
 _CHAIN_FIELDS = tuple(
@@ -39,12 +39,15 @@ _DEVIATIONS = tuple(f.name for f in fields(Deviations))
 
 @dataclass(frozen=True)
 class NamedChain:
-    """Chain and joint names, rotor 0 first; ValueError for a wrong number of encoder offsets."""
+    """Chain, joint names and encoder offsets, each list in the order of the rotors.
+
+    Raises ValueError if the number of encoder offsets is wrong.
+    """
 
     chain: Chain
     joint_names: tuple[str, ...]
     encoder_offsets: tuple[float, ...] = ()
-    """Encoder position minus angle of each rotor [rad], or () if these offsets are unknown."""
+    """Encoder position minus angle of each rotor [rad]. The tuple is empty if they are unknown."""
 
     def __post_init__(self) -> None:
         check_one_each(KnownEncoders(self.encoder_offsets).offsets, self.rotors)
@@ -62,14 +65,17 @@ class NamedChain:
 
 @dataclass(frozen=True)
 class Frame:
-    """Angles [rad] and, if known, angular velocities [rad/s] of all rotors at one time."""
+    """Angles [rad] and angular velocities [rad/s] of all rotors at one time.
+
+    `rates` is None if the angular velocities are unknown.
+    """
 
     angles: Array
     rates: Array | None
 
 
 class JointStates(NamedTuple):
-    """Fields of a JointState message without its efforts. The arrays may be empty."""
+    """Fields of a JointState message, except for the efforts. The arrays may be empty."""
 
     seconds: int
     nanoseconds: int
@@ -80,12 +86,12 @@ class JointStates(NamedTuple):
 
     @property
     def stamp(self) -> int:
-        """Stamp of the joint states, counted from the epoch [ns]."""
+        """Time of the joint states since the epoch [ns]."""
         return self.seconds * SECOND + self.nanoseconds
 
 
 def default_joint_names(number_of_rotors: int) -> tuple[str, ...]:
-    """Return the default names of the joints."""
+    """Return the default joint names `rotor_0`, `rotor_1`, ..."""
     return tuple(f'rotor_{rotor}' for rotor in range(number_of_rotors))
 
 
@@ -104,7 +110,7 @@ def chain_to_msg(named: NamedChain, stamp: Time) -> msg.Chain:
 
 
 def chain_from_msg(message: msg.Chain) -> NamedChain:
-    """Return the chain that a message describes; ValueError if it is invalid."""
+    """Return the chain that a message describes. Raises ValueError if the message is invalid."""
     names = tuple(message.joint_names)
     check_names('chain.joint_names', names)
     parameters = {name: getattr(message, name) for name in _CHAIN_FIELDS}
@@ -129,20 +135,24 @@ def joint_states_from_msg(message: JointState) -> JointStates:
 
 
 def frame_to_msg(named: NamedChain, frame: Frame, efforts: Array, stamp: Time) -> JointState:
-    """Return a message with the angles and rates of a frame, and `efforts` [N m]."""
+    """Return a message with the angles and angular velocities of a frame and `efforts` [N m]."""
     rates = np.zeros(0) if frame.rates is None else frame.rates
     return joint_state(named, stamp, position=frame.angles, velocity=rates, effort=efforts)
 
 
 def joint_state(named: NamedChain, stamp: Time, **arrays: Array) -> JointState:
-    """Return joint states. `arrays` are fields such as `position`, shape (N,)."""
+    """Return joint states with the given fields, for example `position`, each of shape (N,)."""
     header, names = Header(stamp=stamp, frame_id=FRAME), list(named.joint_names)
     fields = {name: array.tolist() for name, array in arrays.items()}
     return JointState(header=header, name=names, **fields)
 
 
 def frame_from_msg(named: NamedChain, message: JointState | JointStates) -> Frame:
-    """Return angles minus known encoder offsets, and rates; ValueError if an angle is invalid."""
+    """Return the angles and angular velocities in a message, in the order of the rotors.
+
+    Known encoder offsets are subtracted from the angles. Raises ValueError if a rotor is missing
+    or a value is invalid.
+    """
     order = _order(named.joint_names, message.name)
     angles = np.asarray(message.position, dtype=np.float64)
     rates = np.asarray(message.velocity, dtype=np.float64)
@@ -155,7 +165,10 @@ def frame_from_msg(named: NamedChain, message: JointState | JointStates) -> Fram
 
 
 def without_offsets(positions: Array, encoder_offsets: Sequence[float] | Array) -> Array:
-    """Return encoder positions minus offsets [rad], shape (N,); unknown offsets are ()."""
+    """Return the positions minus the encoder offsets [rad], shape (N,).
+
+    If `encoder_offsets` is empty, the offsets are unknown and the positions are returned.
+    """
     return positions - encoder_offsets if len(encoder_offsets) else positions
 
 
@@ -171,10 +184,10 @@ def impulses_to_msg(named: NamedChain, impulses: Array, stamp: Time) -> msg.Roto
 def impulses_from_msg(
     rotors: Mapping[str, int], message: msg.RotorImpulses, largest: float
 ) -> Array:
-    """Return the impulse on each rotor [N m s], 0 for rotors that the message does not name.
+    """Return the impulse on each rotor [N m s]. Rotors that the message does not name have 0.
 
     `rotors` maps joint names to rotor numbers. Raises ValueError if an impulse exceeds `largest`
-    [N m s] or the message is invalid.
+    [N m s] or if the message is invalid.
     """
     return _by_rotor(rotors, 'rotor_impulses.impulse', message.name, message.impulse, largest)
 
@@ -182,9 +195,9 @@ def impulses_from_msg(
 def state_from_reset(named: NamedChain, request: Any, now: State) -> State:
     """Return the state into which a `Reset.Request` puts a chain in the state `now`.
 
-    Joints that the request does not name keep their angle. Without rates in the request, all rates
-    are 0. Raises ValueError if the request names an unknown joint, or if an angle or a rate is not
-    finite or too large.
+    Joints that the request does not name keep their angles. If the request contains no rates, the
+    angular velocities of all rotors become 0. Raises ValueError if the request names an unknown
+    joint, or if an angle or a rate is too large or not finite.
     """
     rotors = named.numbers
     remedy = 'reset to smaller angles and rates'
@@ -204,16 +217,16 @@ def torques_to_msg(named: NamedChain, torques: Array, stamp: Time) -> JointState
 
 
 def torques_from_msg(rotors: Mapping[str, int], message: JointState, largest: float) -> Array:
-    """Return the torque on each rotor [N m], 0 for rotors that the message does not name.
+    """Return the torque on each rotor [N m]. Rotors that the message does not name have 0.
 
     `rotors` maps joint names to rotor numbers. Raises ValueError if a torque exceeds `largest`
-    [N m] or the message is invalid.
+    [N m] or if the message is invalid.
     """
     return _by_rotor(rotors, 'rotor_torques.effort', message.name, message.effort, largest)
 
 
 def check_names(source: str, names: Sequence[str]) -> None:
-    """Raise ValueError if a name occurs twice in `names`, which the error calls `source`."""
+    """Raise ValueError if a name occurs twice. The error text calls the list `source`."""
     if len(set(names)) != len(names):
         twice = next(name for name in names if list(names).count(name) > 1)
         raise ValueError(f'{source} has {twice!r} twice; name each joint once')
@@ -261,7 +274,10 @@ def _by_rotor(
 
 
 def check_length(source: str, names: Sequence[str], values: Sequence[float] | Array) -> None:
-    """Raise ValueError unless each name has one of the values, which the error calls `source`."""
+    """Raise ValueError unless there are as many values as names.
+
+    The error text calls the values `source`.
+    """
     if len(values) != len(names):
         raise ValueError(
             f'{source} has {len(values)} values for {len(names)} names; give one for each name'

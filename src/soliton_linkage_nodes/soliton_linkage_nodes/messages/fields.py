@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Conversions between messages, plain Python values and YAML."""
+"""Conversion of messages to Python's built-in types and to YAML, and back."""
 
 from __future__ import annotations
 
@@ -14,11 +14,14 @@ import yaml
 
 _SEQUENCE = re.compile(r'^(?:sequence<(?P<item>[^,>]+)(?:, \d+)?>|(?P<element>.+)\[\d+\])$')
 _WIDTH = 100
-"""Largest length of a line of YAML [characters]."""
+"""Length at which a line of YAML is wrapped [characters]."""
 
 
 def interface_type(name: str, kind: str) -> Any:
-    """Return the class of the message, service or action `name`; ValueError if it is unknown."""
+    """Return the class of the interface `name`, for example `sensor_msgs/JointState`.
+
+    `kind` is `msg`, `srv` or `action`. Raises ValueError if the class is unknown.
+    """
     package, _, rest = name.partition('/')
     middle, _, last = rest.rpartition('/')
     if not (package and last) or middle not in ('', kind):
@@ -32,7 +35,7 @@ def interface_type(name: str, kind: str) -> Any:
 
 
 def plain(value: Any) -> Any:
-    """Convert a message or the value of a field to dictionaries, lists, numbers and texts."""
+    """Convert a message or the value of a field to dictionaries, lists, numbers and strings."""
     if hasattr(value, 'get_fields_and_field_types'):
         return {name: plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
     if isinstance(value, (array.array, np.ndarray)):
@@ -45,7 +48,7 @@ def plain(value: Any) -> Any:
 
 
 def to_yaml(value: Any) -> str:
-    """Return a message or a field's value as YAML, with lists of numbers or texts in one line."""
+    """Return a message or the value of a field as YAML. A list of numbers or texts is one line."""
     text: str = yaml.dump(
         plain(value), Dumper=_Dumper, sort_keys=False, width=_WIDTH, allow_unicode=True
     )
@@ -62,7 +65,10 @@ _Dumper.add_representer(list, _list_in_lines)
 
 
 def read(message_type: Any, text: str) -> Any:
-    """Return the message that a YAML text like '{data: 0.25}' describes; ValueError if invalid."""
+    """Return the message that a YAML text describes, for example '{data: 0.25}'.
+
+    Raises ValueError if the text is invalid.
+    """
     try:
         values = yaml.safe_load(text or '{}')
     except yaml.YAMLError as error:
@@ -71,7 +77,10 @@ def read(message_type: Any, text: str) -> Any:
 
 
 def built(message_type: Any, values: Any) -> Any:
-    """Return a message with the given values, else defaults; ValueError if one does not fit."""
+    """Return a message with the values of its fields; other fields have their defaults.
+
+    Raises ValueError if a value does not fit the type of its field.
+    """
     types = message_type.get_fields_and_field_types()
     name = _name(message_type)
     if not isinstance(values, Mapping):

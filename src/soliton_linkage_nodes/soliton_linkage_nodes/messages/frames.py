@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Frames of joint states: their angles, checks, assembly from parts, and the newest frame."""
+"""Extraction, checks and assembly of frames from joint states."""
 
 from __future__ import annotations
 
@@ -39,9 +39,10 @@ class FrameReader:
         self._in_order = False
 
     def read(self, joints: JointStates) -> Frame:
-        """Return angles [rad] and rates [rad/s] of all rotors; ValueError for an invalid message.
+        """Return the angles [rad] and angular velocities [rad/s] of all rotors.
 
-        Missing values, and values with an absolute value above 1e9, are NaN.
+        Missing values, and values with an absolute value above 1e9, are NaN. Raises ValueError if
+        the message is invalid.
         """
         _, _, _, name, position, velocity = joints
         conversions.check_length('joint_states.position', name, position)
@@ -78,14 +79,17 @@ class FrameReader:
 
 
 _LONGEST_LATENESS = SECOND
-"""A frame is late if its stamp is earlier than the previous one by at most this [ns]. A larger
-difference means that the clock was reset."""
+"""A frame is late if its stamp is at most this time before the previous stamp [ns]. If the stamp
+decreases by more, the clock was reset."""
 _UNIT_CHECK_INTERVAL = 100
-"""The angle unit is checked in one of this number of frames [1], because a check takes 80 us."""
+"""Number of frames between checks of the angle unit [1], because one check takes 80 us."""
 
 
 class EncoderMonitor:
-    """Monitor that warns once if joint states have wrong stamps or an unusual angle unit."""
+    """Monitor that warns if joint states have wrong stamps or if their angles are in degrees.
+
+    The monitor warns once per kind of fault.
+    """
 
     def __init__(self, warn: Callable[[str], object]) -> None:
         self._warn = warn
@@ -94,7 +98,7 @@ class EncoderMonitor:
         self._frames = 0
 
     def check(self, stamp: int, angles: Array | None = None) -> None:
-        """Check the stamp of a frame [ns] and the unit of its angles, which may contain NaN."""
+        """Check the stamp of a frame [ns] and the unit of its angles. Some angles may be NaN."""
         if stamp == 0:
             self._warn_once(
                 'joint_states have no stamps; stamp each frame with the time of its measurement, '
@@ -122,16 +126,17 @@ class EncoderMonitor:
 _SHORT_FRAMES = 10
 """After this number of consecutive incomplete frames [1], the assembler no longer waits for the
 missing joints. Sensitivity: at 0.5x, one more frame is incomplete after a pause of an encoder
-board; at 2x, frames are late for longer after joints have disappeared."""
+board; at 2x, twice as many frames are late after an encoder board has stopped."""
 
 
 class FrameAssembler:
     """Assembler that merges messages with equal stamps and different joints into frames.
 
-    A frame is complete when it has all joints of the chain, or all joints of those earlier frames
-    that were merged from several messages. An incomplete frame ends when a message with another
-    stamp arrives. If it then consists of a single message, the assembler returns each later
-    message as a frame, until two messages have the same stamp.
+    Several encoder boards may each publish some of the joints. The assembler returns a frame when
+    the frame has all joints of the chain, or all joints that earlier merged frames had. Otherwise
+    it returns the incomplete frame when a message with another stamp arrives. While no two
+    messages have had equal stamps, it delays only the first incomplete frame and then returns each
+    message at once.
     """
 
     def __init__(self, joint_names: Sequence[str] = ()) -> None:
@@ -142,15 +147,18 @@ class FrameAssembler:
         self._short = 0
         self._last: tuple[int, frozenset[str]] | None = None
         self.whole: tuple[str, ...] | None = None
-        """Names in the last message that contained all joints of the chain, or None."""
+        """Joint names of the last message that contained the whole chain; None before such one."""
 
     @property
     def waiting_since(self) -> int | None:
-        """Stamp of the incomplete frame [ns], or None."""
+        """Stamp of the incomplete frame [ns], or None if no frame is incomplete."""
         return self._parts[0].stamp if self._parts else None
 
     def add(self, joints: JointStates) -> list[JointStates]:
-        """Add a message; return the frames that it completes or ends; ValueError if invalid."""
+        """Add a message and return the frames that are complete or have ended with this message.
+
+        Raises ValueError if the message is invalid.
+        """
         if not self._parts and joints.name is self.whole:
             self._last = joints.stamp, self._rotors
             return [joints]
@@ -177,13 +185,13 @@ class FrameAssembler:
         return [*earlier, *self._complete()]
 
     def add_all(self, messages: Iterable[JointStates]) -> Iterator[JointStates]:
-        """Yield all frames of a record of messages. The last frame may be incomplete."""
+        """Yield all frames in a sequence of messages. The last frame may be incomplete."""
         for joints in messages:
             yield from self.add(joints)
         yield from self.flush()
 
     def flush(self) -> list[JointStates]:
-        """End the incomplete frame; return it in a list, which is empty if there is none."""
+        """Return a list with the incomplete frame, or an empty list if no frame is incomplete."""
         if not self._parts:
             return []
         self._short += 1
@@ -232,7 +240,7 @@ class FrameAssembler:
 
 
 class SerializedFrames:
-    """Assembler of serialized frames. It decodes messages only if this is necessary."""
+    """Assembler of serialized frames. It does not decode messages that are complete frames."""
 
     def __init__(self) -> None:
         self._decoder = JointStateDecoder()
@@ -240,19 +248,19 @@ class SerializedFrames:
         self._all_alike = False
 
     def set_joints(self, joint_names: Sequence[str]) -> None:
-        """Assemble frames of these joints from now on."""
+        """Set the joints that later frames contain."""
         self._assembler, self._all_alike = FrameAssembler(joint_names), False
 
     def parts(self, serialized: bytes) -> tuple[str, ...]:
-        """Return the joint names in a serialized message, () if the message is damaged."""
+        """Return the joint names in a serialized message; () if the message is damaged."""
         with suppress(ValueError):
             return self._decoder.decode(serialized).name
         return ()
 
     def add(self, serialized: bytes) -> list[bytes]:
-        """Add a message; return the serialized frames that it completes or ends.
+        """Add a message and return the serialized frames that are complete or have ended.
 
-        An invalid message is returned without changes.
+        An invalid message is returned unchanged.
         """
         if self._assembler is None:
             return [serialized]
@@ -279,21 +287,23 @@ def _serialized(frame: JointStates) -> bytes:
 
 
 _DEPTH = 200
-"""Queue depth if a frame consists of several messages [messages]: 0.2 s at 1000 Hz."""
+"""Queue depth if a frame consists of several messages [messages]. At 1000 Hz the queue holds the
+messages of 0.2 s."""
 _LONGEST_ASSEMBLY = 0.3
-"""After this time without messages [s], `take` returns an incomplete frame."""
+"""Time without messages after which an incomplete frame is returned [s]."""
 
 
 class NewestFrame:
     """Subscription of a display to the newest frame.
 
-    Its node must not be added to an executor. The queue holds one message. If a message lacks some
-    joints of the chain, the queue is enlarged to 200 messages, from which frames are assembled.
+    The node must not be added to an executor. The queue holds one message until a message lacks
+    some joints of the chain. From then on, the queue holds 200 messages, and the messages are
+    assembled to frames.
     """
 
     def __init__(self, node: Node, name: str) -> None:
         self.number: int | None = None
-        """Consecutive number of the newest frame, or None if unknown."""
+        """Consecutive number of the newest frame, or None if the number is unknown."""
         self._node, self._name = node, name
         self._decoder = JointStateDecoder()
         self._assembler = FrameAssembler()
@@ -304,16 +314,19 @@ class NewestFrame:
 
     @property
     def publishers(self) -> int:
-        """Number of publishers at the last call of `adapt`."""
+        """Number of publishers that existed at the last call of `adapt`."""
         return len(self._subscription.publishers)
 
     def set_joints(self, joint_names: Sequence[str]) -> None:
-        """Assemble frames of these joints from now on."""
+        """Set the joints that later frames contain."""
         self._joints = frozenset(joint_names)
         self._assembler = FrameAssembler(joint_names)
 
     def take(self) -> JointStates | None:
-        """Return the newest frame, None if it was returned before; ValueError if it is damaged."""
+        """Return the newest frame, or None if no frame has arrived since the last call.
+
+        Raises ValueError if a message is damaged.
+        """
         return self._assembled() if self._divided else self._last()
 
     def adapt(self) -> None:

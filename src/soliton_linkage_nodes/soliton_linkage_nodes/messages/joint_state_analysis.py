@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Analysis of joint states, for the live node, for replays and for offline programs."""
+"""Analysis of joint states in the live node, in replays and in offline programs."""
 
 from __future__ import annotations
 
@@ -17,14 +17,15 @@ from soliton_linkage_nodes.messages.conversions import Frame, JointStates, Named
 from soliton_linkage_nodes.messages.frames import FrameAssembler, FrameReader
 
 _MOST_WAITING = 1000
-"""Largest number of messages with standard deviations that wait for their frame [1]."""
+"""Largest number of messages with standard deviations that are stored until the frame with the
+same stamp arrives [1]."""
 
 
 class JointStateAnalysis:
-    """Analysis of the joint states of a chain, whose parameters may be unknown."""
+    """Analysis of the joint states of a chain. The chain parameters may be unknown."""
 
     def __init__(self, noise: float | None = None) -> None:
-        """Set `noise`, the standard deviation of the angles [rad]; None means unknown."""
+        """Set the standard deviation of the encoder noise [rad], or None if it is unknown."""
         self._noise = noise
         self._named: NamedChain | None = None
         self._reader: FrameReader | None = None
@@ -33,7 +34,7 @@ class JointStateAnalysis:
         self._deviations: dict[int, Array] = {}
         self.analyser: FrameAnalyser | None = None
         self.assembler = FrameAssembler()
-        """Assembler of messages with different joints; its frames are the input of `analyse`."""
+        """Assembler that merges messages with different joints into the frames for `analyse`."""
         self._unseen: set[int] = set()
         self.latest: Analysis | None = None
         self.frame: Frame | None = None
@@ -45,16 +46,16 @@ class JointStateAnalysis:
 
     @property
     def absent(self) -> tuple[str, ...]:
-        """Names of the joints whose angle was missing in every frame so far."""
+        """Names of the joints whose angles were missing in every frame so far."""
         return tuple(self.joint_names[rotor] for rotor in sorted(self._unseen))
 
     @property
     def spacing(self) -> float:
-        """Distance between neighbouring pivots [m], NaN if the chain is unknown."""
+        """Distance between neighbouring pivots [m]; NaN if the chain is unknown."""
         return math.nan if self._named is None else self._named.chain.spacing
 
     def set_chain(self, named: NamedChain) -> None:
-        """Analyse frames of this chain from now on; the same chain again changes nothing."""
+        """Set the chain of the later frames. Setting an equal chain again changes nothing."""
         if named == self._named:
             return
         if self._named is None or named.chain != self._named.chain:
@@ -65,20 +66,20 @@ class JointStateAnalysis:
         self._deviation_reader, self._deviations = FrameReader(named.joint_names), {}
 
     def set_joints(self, joint_names: Sequence[str]) -> None:
-        """Analyse frames of an unknown chain with these joints from now on, rotor 0 first."""
+        """Set the joints of the later frames, rotor 0 first, if the chain is unknown."""
         self.analyser = UnknownChainAnalyser(len(joint_names))
         self._named = None
         self._set_reader(FrameReader(joint_names))
         self._impulses = self._deviation_reader = None
 
     def add_impulses(self, serialized: bytes) -> None:
-        """Add impulses of a `delivered_impulses` message; ignore them if the chain is unknown."""
+        """Add the impulses of a `delivered_impulses` message, unless the chain is unknown."""
         if isinstance(self.analyser, Analyser) and self._impulses is not None:
             impulses = self._impulses.decode(serialized)
             self.analyser.apply_impulse(read_stamp(serialized) or None, impulses)
 
     def add_deviations(self, deviations: JointStates) -> None:
-        """Store standard deviations for the frame with the same stamp, if a chain is known."""
+        """Store the standard deviations of the frame with the same stamp if the chain is known."""
         if self._deviation_reader is None:
             return
         by_rotor = self._deviation_reader.read(deviations).angles
@@ -90,7 +91,10 @@ class JointStateAnalysis:
             del self._deviations[next(iter(self._deviations))]
 
     def analyse(self, joints: JointStates) -> Analysis | None:
-        """Analyse a frame. Returns None if it is late, and raises ValueError if it is invalid."""
+        """Analyse a frame. Return None if the frame is late.
+
+        Raises ValueError if the frame is invalid.
+        """
         if self.analyser is None or self._reader is None:
             raise ValueError(
                 'joint_states arrived before the chain; set the chain or the joints first'

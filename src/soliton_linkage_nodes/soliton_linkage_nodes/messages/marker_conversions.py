@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Messages for ROS viewers, and drawn quantities that are read from messages."""
+"""Creation of the messages that ROS viewers display, and reading of the displayed quantities."""
 
 from __future__ import annotations
 
@@ -38,8 +38,9 @@ def walls_from_msg(message: msg.SolitonState) -> list[Wall]:
 def lines_to_msg(
     header: Header, name: str, points: Array, colours: Array, width: float, spheres: bool = False
 ) -> Marker:
-    """Return a marker with lines between pairs of points or, if `spheres`, with spheres.
+    """Return a marker that consists of lines or, if `spheres` is set, of spheres.
 
+    The first line connects points 0 and 1, the second line connects points 2 and 3, and so on.
     `points` [m] has shape (points, 3), and `colours` (RGBA, 0 to 1) has shape (points, 4). `width`
     is the width of a line or the diameter of a sphere [m].
     """
@@ -86,14 +87,14 @@ def text_to_msg(
     colour: Sequence[float],
     text: str,
 ) -> Marker:
-    """Return a marker for a text at `position` [m] with letters of the height `size` [m]."""
+    """Return a marker that shows a text at `position` [m] in letters of the height `size` [m]."""
     marker = box_to_msg(header, name, 0, position, (0.0, 0.0, size), colour)
     marker.type, marker.text = Marker.TEXT_VIEW_FACING, text
     return marker
 
 
 def pose_to_msg(header: Header, position: float, deviation: float) -> PoseWithCovarianceStamped:
-    """Return a pose at a position [m] on the axis of the chain, with a standard deviation [m]."""
+    """Return the pose of a point on the x axis from its position and standard deviation [m]."""
     pose = _upright()
     pose.position.x = position
     covariance = np.zeros((6, 6))

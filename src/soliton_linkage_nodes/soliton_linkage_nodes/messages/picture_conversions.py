@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Conversion of messages to pictures and back; files in the format of camera_calibration."""
+"""Conversion of messages to pictures and back, and files in the format of camera_calibration."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ from soliton_linkage.vision.opencv import Picture, opencv
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
 _QUALITY = 80
-"""JPEG quality [%]. Text is sharp, and a picture of 1280 x 720 pixels has about 150 kB."""
+"""JPEG quality [%]. At this quality text is sharp, and a picture of 1280 x 720 pixels has about
+150 kB."""
 
 _CHANNELS = {
     'bgr8': (3, [0, 1, 2]),
@@ -29,16 +30,17 @@ _CHANNELS = {
     'mono8': (1, [0]),
     '8UC1': (1, [0]),
 }
-"""For each encoding: bytes of a pixel, and indices of its blue, green and red byte."""
+"""Number of bytes of a pixel, and indices of its blue, green and red byte, for each encoding."""
 _JPEG_HEADER = b'\xff\xd8\xff'
 _MODELS = {'plumb_bob': 5, 'rational_polynomial': 8}
 """Number of distortion coefficients of each lens model [1]."""
 
 
 def picture_from_msg(message: Image) -> Picture:
-    """Return the pixels of a picture; ValueError if the message is invalid.
+    """Return the pixels of a picture. Raises ValueError if the message is invalid.
 
-    The shape is (rows, columns, 3) in the order blue, green, red, or (rows, columns) if grey.
+    The shape is (rows, columns, 3) with the colours in the order blue, green, red. For a grey
+    picture the shape is (rows, columns).
     """
     if message.encoding not in _CHANNELS:
         raise ValueError(
@@ -58,7 +60,10 @@ def picture_from_msg(message: Image) -> Picture:
 
 
 def jpeg_from_msg(message: CompressedImage, most: int) -> bytes:
-    """Return the JPEG bytes of a message; ValueError if they are no JPEG or more than `most`."""
+    """Return the JPEG bytes in a message.
+
+    Raises ValueError if the bytes are not a JPEG picture or if their number exceeds `most`.
+    """
     data = bytes(message.data)
     if len(data) > most:
         raise ValueError(
@@ -70,7 +75,10 @@ def jpeg_from_msg(message: CompressedImage, most: int) -> bytes:
 
 
 def picture_from_compressed_msg(message: CompressedImage) -> Picture:
-    """Return BGR pixels of a compressed picture, (rows, columns, 3); ValueError if damaged."""
+    """Return the BGR pixels of a compressed picture, shape (rows, columns, 3).
+
+    Raises ValueError if the picture is damaged.
+    """
     cv2 = opencv()
     data = np.frombuffer(message.data, dtype=np.uint8)
     picture = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
@@ -82,7 +90,10 @@ def picture_from_compressed_msg(message: CompressedImage) -> Picture:
 
 
 def picture_to_compressed_msg(stamp: int, frame_id: str, picture: Picture) -> CompressedImage:
-    """Return a JPEG message from BGR pixels, shape (rows, columns, 3), with a `stamp` [ns]."""
+    """Return a message with a JPEG picture and a `stamp` [ns].
+
+    The shape of the BGR pixels `picture` is (rows, columns, 3).
+    """
     cv2 = opencv()
     _, data = cv2.imencode('.jpg', picture, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
     return CompressedImage(
@@ -93,7 +104,10 @@ def picture_to_compressed_msg(stamp: int, frame_id: str, picture: Picture) -> Co
 
 
 def read_camera(path: Path) -> Camera:
-    """Return the camera of a calibration file; ValueError if the file is invalid."""
+    """Return the camera that a calibration file describes.
+
+    Raises ValueError if the file is invalid.
+    """
     try:
         content = yaml.safe_load(path.read_text(encoding='utf-8'))
         return _camera(
@@ -111,7 +125,7 @@ def read_camera(path: Path) -> Camera:
 
 
 def write_camera(path: Path, camera: Camera) -> None:
-    """Write a calibration file that this suite and ROS camera drivers can read."""
+    """Write a calibration file, which this software and ROS camera drivers can read."""
     plain = len(camera.distortion) <= _MODELS['plumb_bob']
     (fx, fy), (cx, cy) = camera.focal, camera.centre
     matrix = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
@@ -135,7 +149,10 @@ def write_camera(path: Path, camera: Camera) -> None:
 
 
 def camera_from_msg(message: CameraInfo) -> Camera | None:
-    """Return the camera of a message, None without calibration; ValueError if it is invalid."""
+    """Return the camera that a message describes, or None if the message has no calibration.
+
+    Raises ValueError if the calibration is invalid.
+    """
     if not message.k[0]:
         return None
     return _camera(message.width, message.height, message.distortion_model, message.k, message.d)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Conversions of analyses to messages and table rows, and of messages back to solitons."""
+"""Conversion of analyses to messages and table rows, and of messages to solitons."""
 
 from __future__ import annotations
 
@@ -35,7 +35,8 @@ _STATUSES = {status: getattr(msg.SolitonState, status.name) for status in Tracki
 class NumberFields:
     """Mapping from the attributes of an object to the fields of a message.
 
-    `paths` maps fields to attributes, such as 'estimate.site', where their names differ.
+    If an attribute has another name than its field, `paths` maps the field to the attribute, for
+    example 'rotor' to 'estimate.site'.
     """
 
     def __init__(
@@ -48,14 +49,14 @@ class NumberFields:
         self._values = attrgetter(*paths.values())
 
     def __call__(self, filled_by: Any) -> tuple[Any, ...]:
-        """Return an object's values for all fields; if the object is None, all values are NaN."""
+        """Return the values of all fields from an object. For None, all values are NaN."""
         if filled_by is None:
             return len(self.names) * (math.nan,)
         values: tuple[Any, ...] = self._values(filled_by)
         return values
 
     def message(self, kind: Any, filled_by: Any) -> Any:
-        """Return a message of the type `kind`, which must have exactly these fields."""
+        """Return a message of the type `kind` with the values of an object."""
         return kind(**dict(zip(self.names, self(filled_by), strict=True)))
 
 
@@ -116,7 +117,7 @@ _UNITS = {
 
 
 def state_to_msg(analysis: Analysis, joints: JointStates) -> msg.SolitonState:
-    """Return the SolitonState message of an analysed frame with the joint states `joints`."""
+    """Return the message about the analysis of a frame, with the stamp of the frame `joints`."""
     stamp = Time(sec=joints.seconds, nanosec=joints.nanoseconds)
     topology = _topology(analysis.topology, analysis.edge_rotors)
     motion, measured = analysis.motion, analysis.measured_motion
@@ -155,7 +156,10 @@ def _column(message: str, field: str) -> str:
 
 
 def row(analysis: Analysis, joints: JointStates) -> tuple[Any, ...]:
-    """Return an analysis as a row; columns `soliton_...` have the first soliton, else NaN."""
+    """Return an analysis as a row of the table.
+
+    The columns `soliton_...` describe the first soliton. Without solitons they are NaN.
+    """
     message, solitons = state_to_msg(analysis, joints), analysis.solitons
     cells: list[Any] = [joints.stamp]
     for name in list(_STATE)[1:]:
@@ -197,13 +201,13 @@ EVENT_COLUMNS = (
     *('ids_before', 'ids_after', 'charge_before', 'charge_after'),
     *('energy_before [J]', 'energy_after [J]', 'collisions'),
 )
-"""Column names of a table with one event per row. Spaces separate several wall ids in a cell."""
+"""Column names of a table with one event per row. Spaces separate the wall ids in a cell."""
 
 
 def events_to_msgs(
     analysis: Analysis, joints: JointStates, spacing: float
 ) -> list[msg.SolitonEvent]:
-    """Return the messages of the events in a frame; the pivots have the distance `spacing` [m]."""
+    """Return one message per event of a frame. `spacing` is the distance of the pivots [m]."""
     return [
         msg.SolitonEvent(
             header=Header(stamp=time_to_msg(joints.stamp), frame_id=joints.frame_id),
@@ -218,7 +222,7 @@ def events_to_msgs(
 
 
 def event_rows(analysis: Analysis, joints: JointStates, spacing: float) -> list[tuple[Any, ...]]:
-    """Return the events in a frame as rows of a table; pivots have the distance `spacing` [m]."""
+    """Return one table row per event of a frame. `spacing` is the distance of the pivots [m]."""
     rows = []
     for event in analysis.events:
         rotor, *others = (getattr(event, name) for name in _EVENT_FIELDS)
@@ -229,5 +233,5 @@ def event_rows(analysis: Analysis, joints: JointStates, spacing: float) -> list[
 
 
 def _instant(analysis: Analysis, joints: JointStates, event: SolitonEvent) -> int:
-    """Return the time of an event [ns] on the clock of the frames' stamps."""
+    """Return the time of an event [ns] on the clock of the stamps in joint_states."""
     return joints.stamp - round((analysis.estimate.time - event.time) * SECOND)

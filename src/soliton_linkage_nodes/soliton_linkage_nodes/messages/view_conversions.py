@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Conversions of messages to numbers and texts for displays, and of user input to messages."""
+"""Conversion of messages to numbers and texts for displays, and of user input to messages."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ _TYPES: Mapping[int, tuple[type[bool | int | float | str], str]] = {
     ParameterType.PARAMETER_DOUBLE: (float, 'double_value'),
     ParameterType.PARAMETER_STRING: (str, 'string_value'),
 }
-"""Python type, and field of a ParameterValue message, for each type of ROS parameter."""
+"""Python type and field name in a ParameterValue message, for each type of ROS parameter."""
 _SOLITON = (
     *('rotor', 'position', 'position_deviation', 'velocity', 'velocity_deviation', 'width'),
 )
@@ -77,7 +77,7 @@ class NodeReport:
     """Latest report of a node on /diagnostics."""
 
     node: str
-    """Full name of the node: hardware_id of the report or, if empty, its name up to the colon."""
+    """Full name of the node: the report's hardware_id or, if empty, its name up to the colon."""
     level: int
     """Level of the report: 0 OK, 1 warning, 2 error, 3 stale."""
     message: str
@@ -85,7 +85,7 @@ class NodeReport:
 
     @property
     def ok(self) -> bool:
-        """Whether the report is no warning or error."""
+        """Whether the level of the report is OK."""
         return self.level == 0
 
 
@@ -102,7 +102,10 @@ class AdjustableParameter:
 
 
 def state_numbers(message: msg.SolitonState) -> Numbers:
-    """Return named numbers of a state and of its first soliton; unknown numbers are NaN."""
+    """Return the numbers that describe a state and its first soliton, by name.
+
+    Unknown numbers are NaN.
+    """
     first = message.solitons[0] if message.solitons else None
     cycle, energies = message.cycle, message.energies
     return {
@@ -123,7 +126,11 @@ def state_numbers(message: msg.SolitonState) -> Numbers:
 
 
 def soliton_values(message: msg.SolitonState) -> list[float]:
-    """Return a flat list with site [rotor spacings], deviation [m] and charge of each soliton."""
+    """Return three numbers per soliton in one list.
+
+    The numbers are the site coordinate [rotor spacings], the standard deviation of the position
+    [m] and the charge.
+    """
     found = ((s.rotor, s.position_deviation, float(s.charge)) for s in message.solitons)
     return list(chain.from_iterable(found))
 
@@ -142,7 +149,7 @@ def reports_from_msg(message: DiagnosticArray) -> list[NodeReport]:
 
 
 def figure(figures: Mapping[str, str], name: str) -> float:
-    """Return the value `name` of a report as a number, NaN if it is missing or not finite."""
+    """Return a value of a report as a number; NaN if the value is missing or not finite."""
     try:
         value = float(figures.get(name, 'nan'))
     except ValueError:
@@ -174,9 +181,9 @@ def edge_command_of(
 ) -> msg.EdgeCommand:
     """Return the message of a command to an edge actuator.
 
-    `value` has the unit of the `kind`; the times are in [s]. Only waveforms have a `shape`, a
-    `quantity` and further fields in `numbers`. Raises ValueError for an unknown name or a number
-    that is not finite.
+    `KICK_UNITS` gives the unit of `value`. The unit of all times is [s]. Only waveforms use
+    `shape`, `quantity` and the additional fields `numbers`. Raises ValueError if a name is unknown
+    or a number is not finite.
     """
     names = {'kind': kind, 'edge': edge, 'shape': shape, 'quantity': quantity}
     numbers |= {'value': value, 'duration': duration, 'ramp_up': ramp_up, 'ramp_down': ramp_down}
@@ -205,7 +212,10 @@ def reset_request(
 
 
 def step_request(periods: float) -> Step.Request:
-    """Return a request to simulate `periods` periods; ValueError if not a positive integer."""
+    """Return a request to advance a paused simulation by a number of publishing periods.
+
+    Raises ValueError if the number is not a positive integer.
+    """
     if not (_finite('periods', periods) == int(periods) and 1 <= periods < 2**32):
         raise ValueError(f'periods = {periods} must be a whole number of 1 or more')
     return Step.Request(periods=int(periods))
@@ -236,7 +246,7 @@ def describe_kick(kick: msg.LastKick) -> str:
 
 
 def move_goal(rotor: float, speed: float) -> MoveSoliton.Goal:
-    """Return a goal with a site coordinate [rotor spacings] and a speed [rotor spacings/s]."""
+    """Return a goal: a site coordinate [rotor spacings] and a speed [rotor spacings/s]."""
     return MoveSoliton.Goal(rotor=_finite('rotor', rotor), speed=_finite('speed', speed))
 
 
@@ -249,7 +259,7 @@ def is_adjustable(descriptor: ParameterDescriptor) -> bool:
 def adjustable_parameters(
     descriptors: Sequence[ParameterDescriptor], values: Sequence[ParameterValue]
 ) -> list[AdjustableParameter]:
-    """Return adjustable parameters from their descriptors and their values in the same order."""
+    """Return the adjustable parameters. Descriptors and values must have the same order."""
     return [
         AdjustableParameter(
             each.name, kind.__name__, getattr(value, field), each.description, limits(each)
@@ -260,7 +270,10 @@ def adjustable_parameters(
 
 
 def parameter_value(parameter: AdjustableParameter, value: Any) -> ParameterValue:
-    """Return the message that sets a parameter to a value; ValueError for a wrong value."""
+    """Return the message that sets a parameter to a value.
+
+    Raises ValueError if the value has the wrong type or is out of range.
+    """
     code, kind, field = next(
         (code, kind, field)
         for code, (kind, field) in _TYPES.items()
