@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Entry points of all nodes and programs.
 
-The import of a program takes seconds on a busy machine. SIGINT ends the process at once during the
-import, because a KeyboardInterrupt would print a traceback, or a library would suppress it.
+While a program is imported, which takes seconds on a busy machine, SIGINT ends the process at
+once. A KeyboardInterrupt would instead print a traceback, or a library would suppress it.
 """
 
 from __future__ import annotations
@@ -23,8 +23,9 @@ _THREADS = 'OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'
 
 def _start(program: str) -> None:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-    # The matrices are small: an identification with a thread per core takes three times the
-    # processor time, because threads wait for each other. A value of the user is kept.
+    # The matrices are small. With one thread per core, an identification takes three times the
+    # processor time, because threads wait for each other. Environment variables of the user have
+    # precedence.
     for variable in _THREADS:
         os.environ.setdefault(variable, '1')
     try:
@@ -33,11 +34,12 @@ def _start(program: str) -> None:
         finally:
             sys.stdout.flush()
     except BrokenPipeError:
-        # At its exit, Python writes to the closed pipe again. Redirect this output.
+        # Python writes to the closed pipe again when it exits. Redirect this output.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(CLOSED_PIPE)
     finally:
-        # Python removes its signal handlers at its exit. A second signal would kill it.
+        # Python removes its signal handlers when it exits. A second signal would then kill the
+        # process.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
 

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Command-line programs: the demo, nudges and moves of a soliton, and tools for bags."""
+"""Command-line programs: the demo experiment, tools that drive a chain, and tools for bags."""

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Analyse bags without any node: write tables of soliton states and events, and pictures.
 
-Several bags are analysed in parallel; each has its own folder of results and a row in bags.csv. If
-the command is interrupted, repeat it to analyse the remaining bags.
+Several bags are analysed in parallel. Each bag gets its own folder of results and a row in
+bags.csv. If the command is interrupted, repeat it to analyse the remaining bags.
 """
 
 from __future__ import annotations
@@ -67,7 +67,8 @@ class BagBatch:
     bags: tuple[tuple[str, Path], ...]
     folder: Path
     analyse: Callable[[Path, Path, NamedChain | None, float | None], int]
-    """Called with a bag, its output folder, the chain or None, and the noise [rad] or None."""
+    """Function that analyses one bag. Its arguments are the bag, the output folder, the chain
+    (None: the chain in the bag) and the noise of the angles [rad] (None: unknown)."""
     chain: Path | None = None
     noise: float | None = None
     name: str = 'bags'
@@ -91,7 +92,8 @@ class BagBatch:
         name, bag = self.bags[row]
         given = chain_of_file(self.chain) if self.chain else None
         try:
-            # Parallel processes would overwrite each other's progress lines. Hide these lines.
+            # The progress lines of parallel processes would overwrite each other. Hide these
+            # lines.
             with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
                 self.analyse(bag, self.folder / name, given, self.noise)
             with (self.folder / name / _STATES).open(encoding='utf-8', newline='') as file:
@@ -102,7 +104,10 @@ class BagBatch:
 
 
 def summary(states: Iterable[dict[str, str]]) -> list[str]:
-    """Return the cells `motion` to `mean noise` of a bag, from its rows in soliton_state.csv."""
+    """Return the columns `motion` to `mean noise [rad]` of one bag for bags.csv.
+
+    `states` contains the rows of the bag's soliton_state.csv.
+    """
     motions: Counter[str] = Counter()
     stamps: list[int] = []
     tracked = seen = 0
@@ -122,7 +127,7 @@ def summary(states: Iterable[dict[str, str]]) -> list[str]:
 
 
 def named_bags(paths: Sequence[Path]) -> tuple[tuple[str, Path], ...]:
-    """Return pairs of a unique name and the path of a bag; ValueError if a bag is given twice."""
+    """Return a unique name and the path of each bag; ValueError if a bag is given twice."""
     bags = [path.resolve() for path in paths]
     twice = [str(bag) for bag, count in Counter(bags).items() if count > 1]
     if twice:
@@ -163,11 +168,12 @@ def analyse_many(study: BagBatch, workers: int, scheduler: str | None = None) ->
 
 
 _MOST_DRAWN = 4000
-"""Largest number of frames that are drawn in a picture [1]; it has fewer columns of pixels."""
+"""Largest number of frames drawn in a picture [1]. More frames would not be visible, because a
+picture has fewer columns of pixels."""
 
 
 class PictureFrames:
-    """Every n-th frame of a bag, where n grows so that at most 4000 frames are stored."""
+    """Every n-th frame of a bag; n doubles whenever more than 4000 frames would be stored."""
 
     def __init__(self, named: NamedChain) -> None:
         self._reader = FrameReader(named.joint_names, named.encoder_offsets)
@@ -175,7 +181,7 @@ class PictureFrames:
         self._kept: list[tuple[int, Array, tuple[AnalysedSoliton, ...]]] = []
 
     def add(self, joints: JointStates, analysis: Analysis) -> None:
-        """Store a frame with its solitons if the number of the frame is a multiple of n."""
+        """Store a frame and its solitons if the number of the frame is a multiple of n."""
         if self._count % self._every == 0:
             self._kept.append((joints.stamp, self._reader.read(joints).angles, analysis.solitons))
             if len(self._kept) > _MOST_DRAWN:
@@ -269,7 +275,7 @@ def _report_absent(bag: Path, analysed: JointStateAnalysis, fatal: bool) -> None
 def check_override(
     bag: Path, given: NamedChain, override: bool, limits: BagLimits = DEFAULT_LIMITS
 ) -> None:
-    """Compare the chain `given` with the chain in a bag; ValueError unless equal or `override`."""
+    """Raise ValueError if `given` differs from the chain in a bag and `override` is false."""
     with open_bag(bag, limits) as reader:
         try:
             own = read_chain(reader)

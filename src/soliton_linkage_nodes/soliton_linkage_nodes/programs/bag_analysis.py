@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Analysis of the frames of a bag with the same methods as in the node soliton_analyser."""
+"""Analysis of the frames in a bag with the same methods as in the node soliton_analyser."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ from soliton_linkage_nodes.runtime import interfaces
 
 _RECORD_CHAIN = 'record the topic chain'
 _MAX_LINES = 3
-"""At most this number of rejected messages of one topic are reported one by one [1]."""
+"""Number of rejected messages per topic that are printed one by one [1]. If there are more, their
+total is printed at the end."""
 
 
 def analyse_frames(
@@ -96,7 +97,10 @@ def _decoder(topic: StoredTopic) -> Callable[[bytes], JointStates]:
 
 
 def read_chain(reader: BagReader, remedy: str = _RECORD_CHAIN) -> NamedChain:
-    """Return the last chain in a bag; ValueError, which ends with `remedy`, if there is none."""
+    """Return the last chain in a bag.
+
+    Raises ValueError, with a text that ends with `remedy`, if the bag contains no chain.
+    """
     chains = [message for _, message in read_topic(reader, 'chain', remedy)]
     if not chains:
         raise ValueError(f'bag {str(reader.path)!r} has no message on the topic chain; {remedy}')
@@ -104,7 +108,7 @@ def read_chain(reader: BagReader, remedy: str = _RECORD_CHAIN) -> NamedChain:
 
 
 def read_recording(reader: BagReader) -> tuple[NamedChain, Recording]:
-    """Return the last chain in a bag, and all frames with times counted from the first frame."""
+    """Return the last chain in a bag, and all frames at times relative to the first frame."""
     named = read_chain(reader)
     messages = [message for _, message in read_topic(reader, 'joint_states')]
     if not messages:

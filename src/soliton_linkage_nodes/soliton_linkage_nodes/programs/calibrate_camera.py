@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Calibrate a camera with pictures or a film of a chessboard, such as the one of print_markers.
+"""Calibrate a camera with pictures or a film of a chessboard; print_markers prints a chessboard.
 
 Take a dozen pictures of the whole board. Move and tilt the board after each picture. The output
 file has the format of ROS's camera_calibration.
@@ -24,7 +24,8 @@ from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 
 _PICTURES = ('.jpg', '.jpeg', '.png', '.tif', '.tiff', '.bmp')
 _STRIDE = 10
-"""Stride of the used pictures of a film [1]. The search for the board takes 0.1 s per picture."""
+"""One picture out of this number of pictures of a film is searched for the board [1], because a
+search takes 0.1 s."""
 _BOARD = {
     '--columns': (Quantity('columns of inner corners', '', 2, 100), 8, int),
     '--rows': (Quantity('rows of inner corners', '', 2, 100), 5, int),

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Report the content and the damage of a bag, and the messages lost during recording.
 
-The first lines have the layout of `ros2 bag info`. Times and counts are computed from the messages
-themselves, except the number of lost messages, which the recorder has stored in the bag.
+The first lines have the layout of `ros2 bag info`. The program computes times and counts from the
+messages themselves. Only the number of lost messages comes from the recorder, which stores it in
+the bag.
 """
 
 from __future__ import annotations

@@ -2,8 +2,9 @@
 """Check the joint states of a rig, and write a report page.
 
 The program receives joint_states for ten seconds while nobody touches the rig. Then it asks you to
-turn rotor 0 and the last rotor by hand. The chain comes from the topic chain. To use a parameter
-file instead, add --ros-args -p chain_from:=parameters --params-file FILE.
+turn rotor 0 and the last rotor by hand. The program reads the description of the chain from the
+topic chain. To use a parameter file instead, add --ros-args -p chain_from:=parameters
+--params-file FILE.
 """
 
 from __future__ import annotations
@@ -67,16 +68,16 @@ from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription
 from soliton_linkage_studies.pictures import rig_page
 
 _CHAIN_WAIT = 3.0
-"""Longest wait for a message on the topic chain after the first frame [s]."""
+"""Longest wait for a message on the topic chain after the first message on joint_states [s]."""
 _POLL = 0.1
 """Poll interval [s]. It is long because a poll may decode many messages."""
 _LATEST = 20
-"""Number of latest messages from which the present angles are determined [1], because one message
-may lack some rotors."""
+"""Number of latest messages that give the current angles [1]. A single message may lack some
+rotors."""
 _AT_REST = 1.0
-"""The chain is at rest if it has not moved for this time [s]."""
+"""The chain counts as resting if it has not moved for this time [s]."""
 _AFTER_TURN = 2.0
-"""After a rotor has turned, frames are recorded for this time [s]."""
+"""After a rotor has turned, the program records frames for this time [s]."""
 
 
 class CheckRig(Node):
@@ -105,10 +106,10 @@ class CheckRig(Node):
         super().destroy_node()
 
     def check(self, seconds: float, limit: float, turn: bool) -> RigFindings | None:
-        """Watch the rig at rest for `seconds`, and return the findings, or None if stopped.
+        """Watch the rig at rest for `seconds` [s], and return the findings, or None after Ctrl-C.
 
-        If `turn` is set, a person is also asked to turn rotors. Each wait for the person or for
-        frames takes at most `limit` [s]. Raises ValueError if no frames arrive.
+        If `turn` is set, the method also asks a person to turn rotors. Each wait for the person or
+        for frames takes at most `limit` [s]. Raises ValueError if no frames arrive.
         """
         if not self._wait(lambda: self._received, limit) and not self._stopping.is_set():
             raise ValueError(
@@ -156,7 +157,8 @@ class CheckRig(Node):
     def _turn(self, rotor: int, first: bool, limit: float) -> Turn | None:
         """Ask a person to turn a rotor, and return the recorded frames.
 
-        `first` is true at the edge of rotor 0. Returns None if the chain does not come to rest.
+        `first` is true for rotor 0 and false for the last rotor. Returns None if the chain does
+        not come to rest.
         """
         moved = len(self._received)
         name = self.joint_names[rotor]
@@ -188,7 +190,10 @@ class CheckRig(Node):
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """Joint names of the chain, else of the parameter, else of the first message."""
+        """Names of the joints of the rig, in the order of the rotors.
+
+        If the chain is unknown, the names come from the parameter or else from the first message.
+        """
         if self.named is not None:
             return self.named.joint_names
         return self._joints or tuple(self._received[0][1].name)

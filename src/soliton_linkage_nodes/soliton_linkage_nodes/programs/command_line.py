@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Options of the programs, and their exit with one line of text after an error."""
+"""Command-line options that programs share, and their exit with a one-line error message."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def add_quantity(
     kind: type[float] = float,
     **more: Any,
 ) -> None:
-    """Add an argument for a number with the description, the unit and the range of a quantity."""
+    """Add a numeric argument; `described` provides its help text, unit and allowed range."""
     unit = f' [{described.unit}]' if described.unit else ''
     shown = f' (%(default){"s" if kind is int else "g"})' if isinstance(default, kind) else ''
     text = f'{described.description}{unit}{shown}'
@@ -112,7 +112,7 @@ def ros_client(program: str) -> Iterator[threading.Event]:
 
 
 def message_progress(title: str) -> tuple[ProgressLine, Callable[[int, int], None]]:
-    """Return a progress line, and its update for numbers of processed and expected messages."""
+    """Return a progress line, and a function that shows the processed and expected messages."""
     progress, begun = ProgressLine(title, 0), time.monotonic()
 
     def show(done: int, expected: int) -> None:
@@ -137,7 +137,7 @@ def add_output(parser: argparse.ArgumentParser, default: str, description: str) 
 
 
 def add_fields(parser: argparse.ArgumentParser, defaults: Any, metavar: str) -> None:
-    """Add an option for each `quantity` of a dataclass instance; a tuple takes several values."""
+    """Add an option for each `quantity` of `defaults`; a tuple field takes several values."""
     for name, described in described_fields(defaults).items():
         option, default = f'--{name.replace("_", "-")}', getattr(defaults, name)
         kind = int if isinstance(default, int) else float
@@ -146,6 +146,6 @@ def add_fields(parser: argparse.ArgumentParser, defaults: Any, metavar: str) -> 
 
 
 def fields_of(options: argparse.Namespace, kind: type[Group]) -> Group:
-    """Return an instance of a dataclass with the values of the options of `add_fields`."""
+    """Return an instance of the dataclass `kind` from the options that `add_fields` has added."""
     values = {name: getattr(options, name) for name in described_fields(kind)}
     return kind(**{n: tuple(v) if isinstance(v, list) else v for n, v in values.items()})

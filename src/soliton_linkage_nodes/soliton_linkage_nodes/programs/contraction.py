@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measure the Lorentz contraction of walls at a dozen speeds with the analyser.
+"""Measure with the analyser how moving walls contract (Lorentz contraction), at a dozen speeds.
 
 For each speed, the program runs a simulator with noisy encoders, starts a wall by a nudge, and
 records a bag. It then compares the measured speeds and widths of the walls with theory.
@@ -46,12 +46,13 @@ _RATE = 250.0
 _SECONDS = 6.0
 """Duration of a recording [s]."""
 _WAY = 0.8
-"""The duration of a recording is this fraction of the duration of the same passage in the
-simulated study [1], so that the wall does not reach the far edge."""
+"""A recording covers this fraction of the time of the same passage in the simulated study [1],
+both in time units of the chain. The wall therefore does not reach the far edge."""
 _POLL_INTERVAL = 0.1
 """Poll interval while waiting for the end of the program nudge [s]."""
 _UNLIMITED = 1e6
-"""Limit of the kick [rad/s] and of impulses [N m s], far above all values of the study."""
+"""Value of speed_limit of the actuator [rad/s] and of impulse_limit of the simulator [N m s], far
+above all values of the study."""
 
 
 def record(
@@ -59,8 +60,9 @@ def record(
 ) -> Path:
     """Record a bag with one moving wall and return its path; RuntimeError if a node fails.
 
-    The chain is `study.walls[walls].chain`, and the kick is `study.walls[walls].kicks[kick]`. The
-    stiffness is chosen so that the wall passes the middle of the chain within 6 s.
+    The chain is `study.walls[walls].chain`, and the speed of the kick is
+    `study.walls[walls].kicks[kick]`. The stiffness of the chain is changed so that the wall passes
+    the middle of the chain within 6 s.
     """
     chain, speed = study.walls[walls].chain, study.walls[walls].kicks[kick]
     unit = _SECONDS / (_WAY * study.duration(walls, kick))
@@ -138,7 +140,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def _measured(
     study: ContractionStudy, folder: Path, stopping: threading.Event
 ) -> list[ContractedWall]:
-    """Record and measure each wall, with a second try if the first fails on a busy machine."""
+    """Record and measure each wall.
+
+    A wall whose recording fails is recorded once more, because a busy machine may cause the
+    failure.
+    """
 
     def measured(number: int, kick: int) -> ContractedWall:
         bag = record(study, number, kick, folder, stopping)

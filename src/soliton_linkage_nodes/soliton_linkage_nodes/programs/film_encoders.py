@@ -87,8 +87,8 @@ def film_to_bag(
     """Measure the angles in a film and write them to a bag.
 
     If `overlay` is set, a copy of the film with the detected markers is written to this path. If
-    the film is damaged or `stopping` is set, the bag contains the angles that were measured until
-    then. Raises ValueError if no angles were measured.
+    the film is damaged or `stopping` is set, the bag contains the angles measured before that
+    moment. Raises ValueError if no angles were measured.
     """
     bag = BagWriter(output)
     topics = {
@@ -157,7 +157,10 @@ def _drawn(
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Measure a film until its end or Ctrl-C; exit with 1 after a failure, 130 if interrupted."""
+    """Measure a film until its end, or a camera until Ctrl-C; exit with 1 after a failure.
+
+    If Ctrl-C interrupts the measurement of a film, the exit code is 130.
+    """
     options = _parser().parse(arguments)
     live = options.camera is not None
     with exit_on_failure('film_encoders'):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Estimate from bags the lengths of rotors, spacings and springs, with standard deviations.
+"""Estimate the lengths of rotors, spacings and springs from bags, with standard deviations.
 
 All bags must contain the same chain, and a soliton must pass through it in each bag; the tilt may
 differ. The program writes the parameter file chain.yaml, the table lengths.csv, and a report with
@@ -50,7 +50,7 @@ _GRAVITY = described_fields(Gravity)
 
 @dataclass(frozen=True)
 class IdentificationOptions:
-    """Information for the identification that the angles do not contain."""
+    """Options of an identification: quantities that angles do not determine, and a time span."""
 
     spacing: float | None = quantity(
         None,
@@ -96,8 +96,8 @@ def identify_bags(
 ) -> Identification:
     """Identify a chain from bags, and write chain.yaml, lengths.csv and a report.
 
-    The chain `given`, or else the chain in the bags, supplies the joint names, the spacing and the
-    quantities that the angles do not determine.
+    The joint names, the spacing and the quantities that the angles do not determine come from the
+    chain `given` or, if it is None, from the chain in the bags.
     """
     spacing, span = assumptions.spacing, (assumptions.begin, assumptions.end)
     tilts = assumptions.tilt or (0.0,) * len(bags)
@@ -164,9 +164,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 _FEWEST_FRAMES = 50
-"""Fewest frames for an identification [1], in which a wall passes one or two rotors."""
+"""Smallest number of frames for an identification [1]. During 50 frames, a wall passes one or two
+rotors."""
 _MOST_FRAMES = 8000
-"""Largest number of frames in a fit [1], which then takes 10 s for 40 rotors with rigid bars."""
+"""Largest number of frames in a fit [1]. A fit of 8000 frames takes 10 s for 40 rotors with rigid
+bars."""
 
 
 def read_joints(
@@ -177,9 +179,9 @@ def read_joints(
 ) -> JointRecord:
     """Read angles, their standard deviations, impulses and tilts from a bag.
 
-    The joint names come from the chain `known`, or else from the bag. `span` is the earliest and
-    latest time of the used frames, counted from the first frame [s]. The result has at most
-    `most_frames` frames. Raises ValueError if it has fewer than 50.
+    The joint names come from the chain `known` or, if it is None, from the bag. `span` contains
+    the earliest and the latest time of the frames to use, relative to the first frame [s]. The
+    result has at most `most_frames` frames. Raises ValueError if it would have fewer than 50.
     """
     record = JointRecord(known.joint_names if known else (), most_frames)
     adders: dict[str, Callable[[Any, int], None]] = {
@@ -234,7 +236,7 @@ def _name(topic: StoredTopic) -> str:
 
 
 _WORST = 3
-"""The summary lists this number of bonds, those with the largest noise [1]."""
+"""Number of bonds that the summary lists [1]. It lists the bonds with the largest noise."""
 
 
 def write_lengths(found: Identification, path: Path) -> None:
@@ -258,7 +260,7 @@ def write_lengths(found: Identification, path: Path) -> None:
 
 
 def summary(found: Identification) -> str:
-    """Return a text of several lines that summarises the results."""
+    """Return a summary of the results, which has several lines."""
     deviations = ', '.join(
         f'{name} {np.median(values):.2%}' for name, values in found.deviations.items()
     )

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Move the soliton to a rotor and show the motion. This program replaces `ros2 action`.
 
-It sends a goal of the action move_soliton to soliton_steering, and ends when the soliton has
-arrived. If the soliton cannot arrive, the program ends with exit code 1. Ctrl-C brings the soliton
-to rest.
+The program sends a goal of the action move_soliton to soliton_steering, and ends when the soliton
+has arrived. If the soliton cannot arrive, the program ends with exit code 1. Ctrl-C brings the
+soliton to rest.
 """
 
 from __future__ import annotations
@@ -34,7 +34,8 @@ _SPEED = Quantity('largest speed of the move, 0 for automatic', 'rotor spacings/
 _WAIT = Quantity('longest wait for soliton_steering to be ready', 's', 0.0, 3600.0)
 """Longest wait until soliton_steering is ready, at most one hour."""
 _LONGEST_WAIT = 5.0
-"""Default wait for soliton_steering, and longest wait for its answer to the goal [s]."""
+"""Default of the longest wait until soliton_steering is ready, and longest wait for its answer to
+the goal [s]."""
 _LONGEST_SILENCE = 3.0
 """If no feedback arrives for this time, soliton_steering counts as stopped [s]."""
 _CANCEL_TIME = 0.3
@@ -57,13 +58,14 @@ class MoveClient(WaitingNode):
 
         `speed` is the largest speed [rotor spacings/s], or 0 for an automatic speed. The method
         waits at most `wait` [s] until soliton_steering is ready. Raises ValueError if
-        soliton_steering is missing or stops, and KeyboardInterrupt if the move has not ended 0.3 s
-        after Ctrl-C.
+        soliton_steering is missing or stops. Raises KeyboardInterrupt if the move has not ended
+        0.3 s after Ctrl-C.
         """
         deadline = time.monotonic() + wait
         absent = f'no node offers the action {interfaces.MOVE_SOLITON} after {wait:g} s; '
         self._until(self._client.server_is_ready, f'{absent}start soliton_steering first', wait)
-        # Send the goal in any case, because a node that is not ready rejects it with a reason.
+        # Send the goal even if the node is not ready, because it then rejects the goal with a
+        # reason.
         self.wait(lambda: self._is_ready, deadline - time.monotonic())
         if self.stopping.is_set():
             raise KeyboardInterrupt
@@ -123,7 +125,7 @@ class MoveClient(WaitingNode):
 
 
 def progress_of(on_the_way: MoveSoliton.Feedback) -> str:
-    """Return a text with position and speed of the soliton, and the phonon energy if known."""
+    """Return a text with the position and speed of the soliton, and any known phonon energy."""
     text = f'rotor {on_the_way.rotor:5.1f}  {on_the_way.speed:+6.2f} rotors/s'
     phonons = on_the_way.phonon_energy
     return f'{text}  {phonons:.1e} J in phonons' if math.isfinite(phonons) else text

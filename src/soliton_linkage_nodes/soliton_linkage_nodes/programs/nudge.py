@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Nudge an edge of the chain and print the result. This program replaces `ros2 topic pub`.
 
-It waits for the edge actuator, publishes on the topic nudge, and prints the actuator's answer from
-last_kick, or the reason of a failure.
+The program waits for the edge actuator and publishes on the topic nudge. It then prints the answer
+of the actuator from the topic last_kick, or the reason of a failure.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _SPEED = Quantity('speed of the kick along the zero mode, positive away from the
 _TIMEOUT = Quantity(
     'longest wait for the actuator, and afterwards for its answer', 's', 0.0, 3600.0
 )
-"""Limit of the wait for the actuator, and of the wait for its answer after the nudge."""
+"""Longest wait for the actuator, and again for its answer after the nudge."""
 _SUBSCRIBERS = Quantity('subscribers to wait for, 2 with actuator and recorder', minimum=1)
 """Before the nudge, the topic must have this number of subscribers, including the actuator."""
 _LONGEST_WAIT = 5.0
@@ -116,7 +116,11 @@ class NudgeClient(WaitingNode):
         return None
 
     def _rejection(self, before: dict[str, int]) -> str:
-        """Return why an actuator rejected the nudge, or ''; `before` has the earlier counts."""
+        """Return the reason why an actuator rejected the nudge, or ''.
+
+        `before` contains the number of rejections that each actuator had reported before the
+        nudge.
+        """
         for name in self._actuators() & before.keys():
             report = self._reports[name]
             source, _, reason = report.figures.get('last rejection', '').partition(': ')

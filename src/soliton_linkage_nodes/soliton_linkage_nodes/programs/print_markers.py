@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Write pages with the markers of a chain in true size, for film_encoders and camera_encoders.
 
-Dots mark the pivots and masses, and square markers the frame of the chain.
+Dots are the markers of the pivots and masses. Square markers belong on the frame of the chain.
 
-Print the pages without scaling, and check the printed ruler. Cut the markers out, and stick each
-one at the position on the chain that is printed below it. The last page is a chessboard for
-calibrate_camera.
+Print the pages without scaling, and check the length of the printed ruler. Cut the markers out,
+and stick each one at the position on the chain that is printed below it. The last page is a
+chessboard for calibrate_camera.
 """
 
 from __future__ import annotations

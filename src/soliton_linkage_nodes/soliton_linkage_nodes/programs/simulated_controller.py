@@ -34,16 +34,16 @@ from soliton_linkage_nodes.programs.command_line import add_quantity, exit_on_fa
 from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 
 _RATE = Quantity('frames per second', 'Hz', 1.0, 1000.0)
-"""Frame rate, at most 1000 Hz, at which 40 rotors would need a serial port with 1.8 Mbaud."""
+"""Frame rate, at most 1000 Hz. At 1000 Hz, 40 rotors would need a serial port with 1.8 Mbaud."""
 _COUNTS = Quantity('counts of an encoder per turn', '', 2, 65536)
 """Resolution of an encoder, at most 16 bits."""
 
 _TOLERANCE = 1e-6
-"""Tolerance of the solver per step [rad], a hundredth of a count of a 16-bit encoder."""
+"""Error tolerance of the solver in each step [rad], a hundredth of a count of a 16-bit encoder."""
 _REPORTED_DELAY = 1.0
 """If the simulation lags behind the clock by more than this, the program warns [s]."""
 _MOST_BYTES = 2**16
-"""Largest number of bytes that one call reads [1], more than the system buffers."""
+"""Largest number of bytes that one call reads [1], more than the buffer of the system holds."""
 
 
 class PseudoTerminal:
@@ -93,7 +93,7 @@ class RealTimeChain:
         terminal: PseudoTerminal,
         rate: float,
     ) -> None:
-        """Start with the chain at rest and without feedback. `rate` is the frame rate [Hz]."""
+        """Start with the chain at rest and without feedback. Frames follow at `rate` [Hz]."""
         chain = replace(named.chain, feedback=NO_FEEDBACK)
         world = World(chain, named.joint_names, WorldParameters(tolerance=_TOLERANCE), 1 / rate)
         self._simulation = world.begin(world.initial_state(), NO_GRAVITY)

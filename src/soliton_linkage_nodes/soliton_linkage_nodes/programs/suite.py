@@ -34,7 +34,7 @@ NODES = {
     'soliton_steering': 'soliton_steering.node:SolitonSteering',
     'bag_recorder': 'bags.recorder:BagRecorder',
 }
-"""Module and class of each node. Only the modules of the nodes that run are imported."""
+"""Module and class of each node. Only the modules of the nodes to run are imported."""
 _SERIAL = 'serial_encoders'
 _PARAMETER_OPTIONS = ('-p', '--param')
 _CHAIN_SOURCE = ('-p', f'{_SERIAL}:chain_from:=parameters')
@@ -42,7 +42,8 @@ _CHAIN_SOURCE = ('-p', f'{_SERIAL}:chain_from:=parameters')
 _EXPONENT = re.compile(r'[-+]?\d+(\.\d*)?[eE][-+]?\d+')
 _NAMESPACE_RULE = '__ns:='
 _JOINT_PREFIX = 'torque_limits.'
-"""After this prefix, a parameter has the name of a joint, which only the running node knows."""
+"""Prefix of parameters that are named after joints. Only the running node knows the joint
+names."""
 
 
 def main() -> None:
@@ -87,7 +88,7 @@ def main() -> None:
 
 
 def of_one_chain(arguments: Sequence[str]) -> list[str]:
-    """Return the nodes of one chain; given a port, serial_encoders replaces simulator."""
+    """Return the nodes of one chain; if a port is set, serial_encoders replaces the simulator."""
     port = re.compile(rf'({_SERIAL}:)?port:=.+')
     rules = [rule for each, rule in pairwise(arguments) if each in _PARAMETER_OPTIONS]
     unused = 'simulator' if any(map(port.fullmatch, rules)) else _SERIAL
@@ -97,7 +98,7 @@ def of_one_chain(arguments: Sequence[str]) -> list[str]:
 def addressed(
     arguments: Sequence[str], classes: Mapping[str, type[ManagedNode]]
 ) -> tuple[list[str], dict[str, list[Parameter]]]:
-    """Return the arguments that set no node's parameter, and the parameters set for each node.
+    """Return the arguments that set no parameter of a node, and the parameters of each node.
 
     The keys of `classes` and of the returned dictionary are names of nodes, which may contain a
     namespace. The function is needed because ROS cannot set a parameter of only one of the nodes
@@ -120,7 +121,7 @@ def addressed(
 
 
 def _known_to_ros(arguments: Sequence[str]) -> list[str]:
-    """Return the arguments without parameters for nodes in a namespace, which ROS would reject."""
+    """Remove the parameters of nodes in a namespace, because ROS would reject these arguments."""
     known: list[str] = []
     for argument in arguments:
         if known and known[-1] in _PARAMETER_OPTIONS and '/' in argument.partition(':=')[0]:

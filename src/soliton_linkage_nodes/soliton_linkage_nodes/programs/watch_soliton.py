@@ -40,18 +40,22 @@ from soliton_linkage_nodes.start import INTERRUPTED
 
 LEGEND = '/ leans right, \\ leans left, | is upright, ? is missing, O is a soliton'
 _UPRIGHT = 1 / 3
-"""A rotor is upright if its lean is below this fraction of the lean in the uniform state [1]."""
+"""Rotors are drawn upright if the sine of their angle is below this fraction of its value in the
+uniform state [1]."""
 _DEPTH = 10
 """Queue depth of joint_states [messages], because a frame may consist of several messages."""
 _FEWEST = 10
-"""The line has room for at least this number of rotor marks, even beside a long remark [1]."""
+"""Smallest number of rotor marks in the line, even if the remark is long [1]."""
 
 
 class ChainLine:
-    """Drawing of a chain from the topics `chain` and `joint_states`, with rotor 0 on the left."""
+    """Drawing of a chain in one line of a terminal, with rotor 0 on the left.
+
+    The chain and its angles come from the topics `chain` and `joint_states`.
+    """
 
     def __init__(self, node: Node, joint_names: tuple[str, ...] = ()) -> None:
-        """Subscribe to the topics; without `joint_names`, the names in `chain` are used."""
+        """Subscribe to the topics. If `joint_names` is empty, the names in `chain` are used."""
         self._joint_names = joint_names
         self._node = node
         self._line = ProgressLine('', 0)
@@ -85,7 +89,10 @@ class ChainLine:
         return math.nan if self._chain is None else self._chain[0].chain.spacing
 
     def show(self, solitons: Sequence[float], remark: str) -> None:
-        """Draw the chain, solitons at sites [rotor spacings] and a remark, if it is time."""
+        """Draw the chain, its solitons at given sites [rotor spacings] and a remark.
+
+        The method returns without effect if the last drawing was too recent.
+        """
         if not self._line.due:
             return
         if self._chain is None or self._serialized is None:
@@ -118,7 +125,7 @@ class ChainLine:
             self._line.note(f'rejected chain: {error}')
 
     def use(self, named: NamedChain) -> None:
-        """Set the chain that is drawn; ValueError if given joint names do not fit the chain."""
+        """Set the chain to draw; ValueError if the joint names of the parameter do not fit it."""
         named = with_joints(named, self._joint_names)
         self._chain = (named, FrameReader(named.joint_names, named.encoder_offsets))
         self._frames.set_joints(named.joint_names)

@@ -38,7 +38,7 @@ _REPORT = 'soliton_linkage_nodes.programs.experiment.report'
 _NODES = ('bag_recorder', 'soliton_analyser', 'edge_actuator', 'simulator')
 _PAGE = 'live_view'
 _ALL_FRAMES = ['-p', 'longest_lag:=0.0']
-"""Arguments with which an analyser skips no frame."""
+"""Arguments that make an analyser analyse every frame, even if it lags behind."""
 _UNUSED = (
     *(interfaces.IDENTIFIED_CHAIN, interfaces.JOINT_STATE_DEVIATIONS, interfaces.DIAGNOSTICS),
     *(interfaces.EDGE_COMMAND, interfaces.JOINT_COMMANDS, interfaces.EFFORT_COMMANDS),
@@ -49,11 +49,11 @@ _REPORT_LIMIT = 6.2
 """Longest wait for a report of a node [s]. Nodes report once per second."""
 _print = partial(print, flush=True)
 _QUIET = 0.5
-"""If no state arrives for this time [s], all states have arrived."""
+"""If no further state arrives for this time [s], all states have arrived."""
 
 
 class Experiment:
-    """Steps of an experiment, which are carried out one after the other."""
+    """Experiment with a simulated chain, from the start of the nodes to the replay of the bag."""
 
     def __init__(
         self,
@@ -63,7 +63,7 @@ class Experiment:
         stopping: threading.Event,
         page: bool = False,
     ) -> None:
-        """Prepare the folder `output`; with `page`, a page in the browser will show the chain."""
+        """Prepare the experiment; with `page`, a page in the browser will show the chain."""
         self._page = page
         self.bag = output / f'{observer.settings.scenario}_0'
         self._configuration = configuration
@@ -104,7 +104,7 @@ class Experiment:
         self._start('soliton_analyser', _ALL_FRAMES)
         self._start('edge_actuator', [])
         self._page = self._page and self._serve_page()
-        # The simulator waits for its subscribers, so that no analysis misses the first frames.
+        # The simulator waits for its subscribers, so that the analyser receives the first frames.
         self._start('simulator', ['-p', f'subscribers:={len(_NODES) - 1 + self._page}'])
         # The import takes seconds. Use a thread, so that nodes and signals are not delayed.
         importing = threading.Thread(target=import_module, args=(_REPORT,), daemon=True)
@@ -139,8 +139,8 @@ class Experiment:
 
     def _ready(self) -> bool:
         received = set(self._observer.figures('bag_recorder').get('topics received', '').split())
-        # Warnings of the simulator and the recorder are acceptable, because the summary states
-        # missed deadlines and lost messages. Losses at the start are older than the nudge.
+        # Accept warnings of the simulator and the recorder. They count missed deadlines and lost
+        # messages, which the summary states.
         return (
             all(self._observer.well(node) for node in ('soliton_analyser', 'edge_actuator'))
             and received >= _RECORDED_TOPICS
@@ -169,11 +169,12 @@ class Experiment:
             _print('The soliton starts by itself.')
 
     def _watch(self) -> None:
-        """Show the soliton until it has returned or, with `end` = 'time', until the time limit."""
+        """Show the soliton until it has returned or, if `end` is 'time', until the time limit."""
         settings = self._settings
         timed = settings.end == 'time'
         if settings.nudge or settings.burst_cycles:
-            # On a busy machine, the states that have been received are older than the command.
+            # On a busy machine, a state that arrives after the command may be older than the
+            # command.
             start = max(self._observer.stamp, self._observer.get_clock().now().nanoseconds)
         else:
             start = next(iter(self._observer.states))
@@ -227,7 +228,10 @@ class Experiment:
         return recorded
 
     def _replay(self) -> dict[int, tuple[float, ...]]:
-        """Play the bag to another analyser; return its solitons [rotor spacings] by stamp [ns]."""
+        """Play the bag to another analyser, and return its states.
+
+        The keys are stamps [ns]. The values are site coordinates of solitons [rotor spacings].
+        """
         service, name = service_type('Resume'), 'bag_player/resume'
         resuming = self._observer.create_client(service, name, qos_profile=SERVICE_QOS)
         self._wait_until(

@@ -37,7 +37,8 @@ from soliton_linkage_studies.camera.runs import CAMERA, BenchParameters, FilmedB
 _DEVIATIONS = interfaces.JOINT_STATE_DEVIATIONS.name
 _print = partial(print, flush=True)
 _FROM_EDGES = 4.0
-"""Soliton positions closer to an edge than this are left out of the errors [rotor spacings]."""
+"""The position errors do not include frames in which the soliton is closer to an edge than this
+[rotor spacings]."""
 
 
 @dataclass(frozen=True)
@@ -49,23 +50,26 @@ class PositionErrors:
     """
 
     angle_noise: float
-    """Standard deviation of the angle errors, each rotor's mean error subtracted [rad]."""
+    """Standard deviation of the angle errors, after the mean error of each rotor is subtracted
+    [rad]."""
     stated_angle_noise: float
     """Median of the standard deviations that the measurement states for the angles [rad]."""
     frames: int
     error: float
-    """Error of the position from an analyser with the identified chain."""
+    """Error of the position that an analyser with the identified chain estimates."""
     stated: float
     """Standard deviation that the analyser with the identified chain states for the position."""
     allowed: float
-    """Cramer-Rao bound for one frame with the noise `angle_noise` and without hidden rotors."""
+    """Cramer-Rao bound of the position error for one frame in which all rotors are visible and the
+    angles have the noise `angle_noise`."""
     with_true_chain: float
-    """Error of the position from an analyser with the true chain."""
+    """Error of the position that an analyser with the true chain estimates."""
     hidden: float
-    """Fraction of the angles in these frames that were hidden from the camera [1]."""
+    """Fraction of the angles that were hidden from the camera in the frames of the position errors
+    [1]."""
     by_hidden: float
-    """Error of the position from an analyser with the true chain and the exact angles of the
-    visible rotors. Only the hidden rotors cause this error."""
+    """Error of the position that an analyser with the true chain estimates from the exact angles
+    of the visible rotors. Only the hidden rotors cause this error."""
 
 
 @dataclass(frozen=True)

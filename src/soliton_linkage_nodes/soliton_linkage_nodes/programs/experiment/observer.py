@@ -124,7 +124,7 @@ class RoundTrip:
         self._away = False
 
     def ended(self) -> bool:
-        """Return whether the soliton has returned; RuntimeError after a rejected nudge."""
+        """Return whether the soliton has returned; RuntimeError if the nudge was rejected."""
         rejection = self._observer.figures('edge_actuator').get('last rejection')
         if rejection:
             raise RuntimeError(f'edge_actuator rejected {rejection}')
@@ -142,7 +142,7 @@ class RoundTrip:
         return f'rotor {rotor:5.1f}  {velocity:+6.1f} rotors/s  {leg}'
 
     def missing(self) -> str:
-        """Return the error message for a soliton that has not returned in time."""
+        """Return the error message for the case that the soliton has not returned in time."""
         rotor, settings = self._observer.rotor, self._observer.settings
         at = f'the soliton is at rotor {rotor:.1f} now'
         where = 'no soliton is visible now' if math.isnan(rotor) else at

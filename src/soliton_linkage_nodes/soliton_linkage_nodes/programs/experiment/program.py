@@ -35,7 +35,8 @@ from soliton_linkage_nodes.start import INTERRUPTED
 
 _FILMED = 'filmed_experiment'
 _WRITTEN = '.written'
-"""The file with this name in the folder of the results lists the names of all results."""
+"""Name of a file in the folder of results. The file lists all results, so that the next experiment
+can delete them."""
 
 
 def main() -> None:
@@ -47,7 +48,8 @@ def main() -> None:
         with _plain_end():
             _run_filmed(options, filmed)
         return
-    # Signals set an event here. An exception of a signal handler could be lost in a callback.
+    # On a signal, set an event. An exception raised by a signal handler could be lost in a
+    # callback.
     stopping = stop_on_signals()
     with private_domain():
         _run(options, stopping)
@@ -55,7 +57,11 @@ def main() -> None:
 
 @contextmanager
 def _plain_end(left: Callable[[], str] = lambda: '') -> Iterator[None]:
-    """Exit with one line of text: after Ctrl-C with 130 and `left()`, after an error with 1."""
+    """Exit with one line of text if the block fails.
+
+    The exit code is 130 after Ctrl-C, and 1 after an error. After Ctrl-C, the text ends with
+    `left()`.
+    """
     try:
         yield
     except KeyboardInterrupt:
@@ -102,8 +108,8 @@ def _run_filmed(options: argparse.Namespace, given: dict[str, Any]) -> None:
 def claimed(folder: Path) -> Iterator[Path]:
     """Choose a folder that no other experiment uses, delete earlier results in it, and yield it.
 
-    The folder is `folder` or, if another experiment uses this, the first unused one of `folder`_1,
-    `folder`_2 and so on.
+    The folder is `folder` if no other experiment uses it. Otherwise, it is the first unused one of
+    `folder`_1, `folder`_2 and so on.
     """
     candidates = (folder.with_name(f'{folder.name}_{n}') if n else folder for n in count())
     claims = ((each, _claim(each)) for each in candidates)
@@ -136,7 +142,7 @@ def _remove_written(folder: Path) -> None:
 
 
 def _claim(folder: Path) -> int | None:
-    """Create and lock a folder; return the file descriptor, or None if it is locked already."""
+    """Create and lock a folder; return the file descriptor, or None if the folder is locked."""
     folder.mkdir(parents=True, exist_ok=True)
     claim = os.open(folder, os.O_RDONLY)
     try:
@@ -194,7 +200,7 @@ def _suggestions(configuration: Path) -> list[str]:
 
 
 def other_scenarios(configuration: Path) -> list[Path]:
-    """Return the other parameter files in the folder that are named after their experiments."""
+    """Return the other parameter files in the folder whose name is also their `scenario`."""
     return [
         path
         for path in sorted(configuration.parent.glob('*.yaml'))

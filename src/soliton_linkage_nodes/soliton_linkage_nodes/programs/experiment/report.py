@@ -35,16 +35,17 @@ _BEFORE_NUDGE = 0.5
 
 @dataclass(frozen=True)
 class RecordedRun:
-    """Data from the bag of one experiment. Times are counted from the nudge or burst [s]."""
+    """Data from the bag of one experiment. Times are relative to the nudge or burst [s]."""
 
     named: NamedChain
     recording: Recording
     track: Track
     solitons: tuple[list[float], ...]
-    """The `soliton_numbers` at each time of `track`."""
+    """Result of `soliton_numbers` for the solitons at each time of `track`."""
     crossings: tuple[Crossing, ...]
     states: Mapping[int, tuple[float, ...]]
-    """Stamps [ns] of the live states, and site coordinates of their solitons [rotor spacings]."""
+    """Site coordinates [rotor spacings] of the solitons in each live state. The keys are stamps
+    [ns]."""
     events: tuple[str, ...]
     messages: int
     lost: int
@@ -78,7 +79,7 @@ def read_run(bag: Path) -> RecordedRun:
         states={
             stamp: soliton_sites(state)
             for state in states
-            # Skip states before the first frame, which the recorder may have received.
+            # Skip states that the recorder has received before the first frame.
             if (stamp := time_from_msg(state.header.stamp)) >= first
         },
         events=tuple(event.kind_name for event in events),
@@ -91,7 +92,7 @@ def read_run(bag: Path) -> RecordedRun:
 def largest_difference(
     live: Mapping[int, tuple[float, ...]], replayed: Mapping[int, tuple[float, ...]]
 ) -> float:
-    """Return the largest difference between live and replayed sites [rotor spacings].
+    """Return the largest difference between live and replayed site coordinates [rotor spacings].
 
     The keys of `live` and `replayed` are stamps [ns]. The result is infinite if the number of
     solitons differs at a stamp.
@@ -152,7 +153,7 @@ def _rate(received: list[int]) -> float:
 def _walls(
     states: list[SolitonState], first: int, nudged: float
 ) -> tuple[Array, list[tuple[AnalysedSoliton, ...]]]:
-    """Return the times of the drawn states, relative to the nudge [s], and the walls in each."""
+    """Return the times relative to the nudge [s] and the walls of the states that are drawn."""
     stamps = [time_from_msg(state.header.stamp) - first for state in states]
     times = np.array(stamps, dtype=np.float64) * 1e-9 - nudged
     kept = np.flatnonzero(times >= -_BEFORE_NUDGE)
