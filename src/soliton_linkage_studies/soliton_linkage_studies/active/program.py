@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Move walls by motors with non-reciprocal coupling, and compare their motion with theory."""
+"""Move walls by motors with non-reciprocal coupling; compare the wall velocities with theory."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ class ActiveStudy:
 
     @property
     def drives(self) -> Drives:
-        """Effect of the motors on walls with a path of stable states, by chain name and charge."""
+        """Effect of the motors by chain name and charge; walls without stable path are omitted."""
         found: Drives = {}
         for name, chain in self.chains.items():
             for charge in (1, -1):

@@ -37,21 +37,23 @@ _FROM_END = 8
 _STARTUP = 4.0
 """Velocities are measured from this time on [decay times M r^2 / c]."""
 _PIECES = 8
-"""The slopes of this number of pieces of a track give the standard error of the velocity [1]."""
+"""Number of pieces of a track [1]. The scatter of their slopes gives the standard error of the
+velocity."""
 _TOLERANCE = 1e-11
 """Largest integration error of an angle per step [rad]; the energy balance then closes to 1e-6."""
 
 
 @dataclass(frozen=True)
 class WallDrive:
-    """Effect of the motors on a wall, computed from its states at all sites without motors."""
+    """Effect of the motors on a wall, computed from walls at rest in a chain without motors."""
 
     ratio: float
     """Terminal velocity divided by kappa / c [rotor spacings]."""
     pinning: float
     """Smallest non-reciprocity that moves a wall at rest [N m/rad]; 0 for kinks."""
     squares: float
-    """Sum of t_n^2 over all rotors [rad^2], averaged over sites."""
+    """Sum of t_n^2 over all rotors for the tangent t, averaged over the sites of the wall
+    [rad^2]."""
 
     def velocity(self, chain: Chain) -> float:
         """Return the terminal velocity in a chain with motors [rotor spacings/s]."""
@@ -61,8 +63,8 @@ class WallDrive:
 def wall_drive(chain: Chain, charge: int) -> WallDrive:
     """Return the effect of the motors on a kink (charge +1) or an anti-kink (charge -1).
 
-    The chain must be so long that the tails of a wall in its middle decay before the ends. Raises
-    ArithmeticError for an anti-kink without a path of stable states.
+    The chain must be so long that the tails of a wall in the middle of the chain decay before the
+    ends. Raises ArithmeticError if an anti-kink has no path of stable states from site to site.
     """
     begin = chain.number_of_rotors / 2 - 1
     if charge > 0:
@@ -173,11 +175,11 @@ class ActiveTask:
 
 
 def follow_charge(found: Sequence[Sequence[tuple[float, int]]], charge: int) -> Array:
-    """Track the first wall of a charge; return its site in each frame [rotor spacings].
+    """Track one wall of a given charge; return its site in each frame [rotor spacings].
 
-    In each further frame, the tracked wall is the nearest one of this charge within two rotor
-    spacings of its last site. If there is none, the wall has vanished, and all further sites are
-    NaN.
+    The track starts at the first wall of this charge in the first frame. In each later frame it
+    continues with the nearest wall of this charge, at most two rotor spacings from the previous
+    site. If no such wall exists, the wall has vanished, and all later sites are NaN.
     """
     sites, last = np.full(len(found), math.nan), math.nan
     for frame, walls in enumerate(found):
@@ -194,8 +196,8 @@ def follow_charge(found: Sequence[Sequence[tuple[float, int]]], charge: int) -> 
 def terminal_velocity(run: ActiveRun) -> tuple[float, float]:
     """Return the terminal velocity of the wall and its standard error [rotor spacings/s].
 
-    Only frames after four decay times are used, with the wall more than eight rotors away from
-    both ends. Both results are NaN if there are fewer than 16 such frames.
+    Only frames after four decay times are used in which the wall is more than eight rotors away
+    from both ends. Both results are NaN for fewer than 16 such frames.
     """
     decay = run.chain.moment_of_inertia / run.chain.damping
     last = run.chain.number_of_rotors - 1 - _FROM_END
@@ -212,7 +214,7 @@ def terminal_velocity(run: ActiveRun) -> tuple[float, float]:
 
 
 def moving(chain: Chain, site: float, charge: int, velocity: float) -> tuple[Array, Array]:
-    """Return angles [rad] and rates [rad/s], (N,), with a wall of `velocity` [spacings/s]."""
+    """Return angles [rad] and rates [rad/s] of a wall that moves at `velocity` [spacings/s]."""
     build = static_wall if charge > 0 else continuum_anti_kink
     here = build(chain, site)
     ahead = build(chain, site + _AHEAD)
@@ -232,10 +234,10 @@ def motorised(chain: Chain, decay: float, ratio: float) -> Chain:
 def outcome(run: ActiveRun) -> str:
     """Return the final state of a wall: 'runs', 'is pinned', 'breaks up' or 'vanishes'.
 
-    The first condition that holds decides: the wall runs if it was last found less than eight
-    rotors from the end of the chain; it vanishes if it is not found in the last frame; it breaks
-    up if the last frame contains more than one wall; it runs if it has moved by more than one
-    rotor spacing in the last quarter of the frames. Otherwise it is pinned.
+    The first of these conditions that holds decides. The wall runs if its last known site is less
+    than eight rotors from the end of the chain. It vanishes if it is not found in the last frame.
+    It breaks up if the last frame contains more than one wall. It runs if it has moved by more
+    than one rotor spacing in the last quarter of the frames. Otherwise it is pinned.
     """
     sites = run.sites[np.isfinite(run.sites)]
     if not len(sites):

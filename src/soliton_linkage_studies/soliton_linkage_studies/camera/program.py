@@ -29,7 +29,7 @@ COLUMNS = (
 
 @dataclass(frozen=True)
 class FilmStudy:
-    """Study of films, each of which consists of several clips that start with a kick."""
+    """Study of films. A film consists of several clips, and each clip starts with a kick."""
 
     films: Mapping[str, FilmedTask]
     clips: int
@@ -55,7 +55,7 @@ class FilmStudy:
         return [str(row), name, str(clip), *(f'{figure:.9g}' for figure in run.figures)]
 
     def described(self) -> dict[str, Any]:
-        """Return all settings that determine the rows, and a hash of the code of `vision`."""
+        """Return all settings that determine the rows, and a hash of the package `vision`."""
         return {
             'films': {name: str(task) for name, task in self.films.items()},
             'clips': self.clips,

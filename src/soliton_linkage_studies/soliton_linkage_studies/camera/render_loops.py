@@ -34,7 +34,7 @@ Boxes = NDArray[np.int64]
 class Pixels(NamedTuple):
     """Points (x, z) of the rotor plane that the pixels show [m].
 
-    `spread` is the standard deviation of the blur [m]. The shape is (height, width).
+    `spread` is the standard deviation of the blur [m]. All arrays have the shape (height, width).
     """
 
     x: Array
@@ -111,10 +111,10 @@ def paint_rotors(
     """Paint the arms, labels and dots of every second rotor, starting with rotor `parity`.
 
     The rows of `rotors` are the angles [rad], rates [rad/s] and accelerations [rad/s^2] at time 0,
-    then the pivots and the rotor lengths [m]. `boxes` contains the left, right, top and bottom
-    limits of each rotor [pixels], `shape` the radii of labels and dots and the half width of arms
-    [m], and `moments` the instants at which each picture row is rendered [s], shape (height,
-    instants).
+    the x coordinates of the pivots [m] and the rotor lengths [m]. `boxes` contains the left,
+    right, top and bottom limits of each rotor [pixels]. `shape` contains the radius of labels, the
+    radius of dots and the half width of arms [m]. `moments` contains the times at which each
+    picture row is rendered [s], shape (height, instants).
     """
     label, dot, arm = shape[0], shape[1], shape[2]
     samples = moments.shape[1]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rendered films of a chain with known angles, with a rolling shutter and motion blur."""
+"""Renderer of films of a chain with known angles; includes rolling shutter and motion blur."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ class Renderer:
         return float(self._plane.pixels(pivots, layout.heights)[:, 1].mean())
 
     def stamp(self, time: float) -> float:
-        """Return the stamp of `picture(time)` [s]: the middle of the exposure of `middle_row`."""
+        """Return the time stamp of `picture(time)` [s]: the mid-exposure time of `middle_row`."""
         camera = self._camera
         return time + camera.exposure / 2 + self.middle_row * camera.row_time
 
@@ -210,8 +210,8 @@ class Renderer:
             cells = np.floor((positions * [1, -1] + 0.5) * MODULES).astype(int)
             inside = np.clip(cells, 0, MODULES - 1)
             cell = (beside < 0.5) & (bits[inside[..., 1], inside[..., 0]] == 0)
-            # The edge of a dot is a ramp between black and white, because a step would displace
-            # dots.
+            # The edge of a dot is a ramp between black and white, because a sharp step would
+            # displace the rendered dot.
             sharpness = fine * self._plane.pixels_per_metre(centre[None])[0]
             dot = np.clip(0.5 + sharpness * (layout.dot_radius - from_dot), 0, 1)
             black = np.maximum(cell, dot)

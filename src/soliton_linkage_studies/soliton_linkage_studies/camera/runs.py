@@ -45,19 +45,21 @@ CAMERA = Camera(1280, 720, *_LENS, row_time=25e-6, exposure=0.004)
 PERIOD = 1 / 60
 """Time between successive pictures [s]."""
 SIMULATED = 0.002
-"""Period of the simulated frames [s], between which cubic splines interpolate."""
+"""Period of the simulated frames [s]; cubic splines interpolate between these frames."""
 _TILTS = (0.06, -0.09, 0.01)
 """Pan, pitch and roll of the plane of the chain relative to the camera [rad]."""
 _FILLED = 1.12
 """Width of the picture, divided by the width of the chain with its frame markers [1]."""
 _SWAPPED = 0.1
-"""A measured angle counts as that of another rotor if its error is larger than this [rad]."""
+"""A measured angle counts as the angle of another rotor if its error is above this [rad]."""
 _SETTLING = 10
-"""Number of first pictures that are not evaluated [1]; the chain plane is inaccurate in them."""
+"""Number of pictures at the start that are not evaluated [1], because the estimate of the chain
+plane is still inaccurate."""
 _HAND_EVERY, _HAND_FOR = 10.0, 0.7
-"""Time from one hand that covers part of the view to the next, and duration of each hand [s]."""
+"""Interval at which a hand covers part of the view, and duration of each cover [s]."""
 _TURN = 0.01
-"""Pixel derivatives are central differences for rotor rotations by plus and minus this [rad]."""
+"""Derivatives of grey levels are central differences between rotor angles plus and minus this
+[rad]."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +119,8 @@ class FilmedRun:
     stated: Array
     """Stated standard deviations of the angles [rad], (F, N)."""
     bound: float
-    """Cramer-Rao bound of the standard deviation of an angle from the pixels of a label [rad]."""
+    """Cramer-Rao bound of the standard deviation of an angle measured from the pixels of a label
+    [rad]."""
     busy: float
     """CPU time of the measurement per picture [s]."""
 
@@ -141,7 +144,11 @@ FIGURES = (
     *('pictures', 'angles', 'hidden', 'swapped', 'turns_lost'),
     *('bound', 'noise', 'stated', 'normalised', 'bias', 'busy'),
 )
-"""Statistics: `bound`, `noise`, `stated` and `bias` in [rad], `busy` in [s], others in [1]."""
+"""Names of the statistics of a film. `hidden` is the number of angles that were not measured, and
+`swapped` the number with an error above `_SWAPPED`. `turns_lost` counts changes of the error by
+full turns. `noise` is the standard deviation of the errors [rad], `stated` is the rms of their
+stated standard deviations [rad], and `normalised` is the standard deviation of their ratio [1].
+`bias` is the mean error [rad]. For `bound` [rad] and `busy` [s], see `FilmedRun`."""
 
 
 def _changes(errors: Array) -> int:
@@ -216,7 +223,7 @@ class BenchParameters:
 
 @dataclass(frozen=True)
 class FilmedBench:
-    """Chain with manufacturing deviations; its markers are made for the nominal chain `plan`."""
+    """Chain with manufacturing deviations; its markers are printed for the ideal chain `plan`."""
 
     plan: Chain
     markers: MarkerSettings
@@ -247,7 +254,7 @@ class FilmedBench:
             yield TimedPicture(time, self._renderer.picture(self._begin + time))
 
     def angles(self, times: Array) -> Array:
-        """Return the true angles [rad] at times [s] after the stamp of the first picture."""
+        """Return the true angles [rad] at `times` [s] since the stamp of the first picture."""
         return self._motion(times + self._renderer.stamp(self._begin))[0]
 
     @property

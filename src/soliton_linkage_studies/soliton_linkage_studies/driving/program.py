@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Drive chains by actuators, by a tilt and by the steering; validate the results on one page."""
+"""Drive chains by an actuator, a tilt and a controller; show the checked results on one page."""
 
 from __future__ import annotations
 
@@ -31,7 +31,8 @@ from soliton_linkage_studies.settings import load_settings
 from soliton_linkage_studies.sweep.table import markdown_table
 
 IMBALANCE_LIMIT = 1e-9
-"""Largest allowed energy imbalance [largest energy]; it follows from the integration tolerance."""
+"""Largest allowed energy imbalance, divided by the largest energy of the chain [1]. This limit
+follows from the integration tolerance."""
 
 _CAPTION = """
 Validation of driven chains on one page.
@@ -40,7 +41,7 @@ Validation of driven chains on one page.
 numerical integration (black dots). (b) Energy imbalance of driven chains, divided by their largest
 energy, for springs (blue) and rigid bars (red). An imbalance of 0 is drawn as {least:g}. Grey
 marks show kicks (triangles), changes of gravity (squares) and torques (pale bars). The dashed line
-is the limit, which follows from the integration tolerance. (c) Largest deviation of an angle
+is the limit, which follows from the integration tolerance. (c) Largest difference of an angle
 between chains of springs and a chain of rigid bars, against the spring stiffness (dots). The
 dashed line has slope −1 and passes through the last dot.
 
@@ -78,7 +79,7 @@ def entitle(panels: Mapping[str, Axes]) -> None:
 
 
 def draw_balance(report: FigureReport, axes: Axes, runs: Mapping[str, BalancedRun]) -> None:
-    """Draw the energy imbalance over time for springs and bars, and marks for all events."""
+    """Draw the energy imbalance over time for springs and bars, and mark the events."""
     for mechanics, run in runs.items():
         colour = palette.MECHANICS_COLOURS[mechanics]
         shown = np.maximum(run.imbalances, _LEAST)
@@ -229,7 +230,7 @@ def page(
 
 
 def moves_of(runs: Mapping[tuple[str, Any], Any]) -> dict[MoveKey, list[MoveRun]]:
-    """Return the moves among all runs, grouped by chain and condition."""
+    """Select the moves from all runs; return them grouped by chain and condition."""
     return runs_by_key({key: run for (panel, key), run in runs.items() if panel == 'e'})
 
 

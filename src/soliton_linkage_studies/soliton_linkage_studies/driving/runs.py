@@ -29,7 +29,7 @@ from soliton_linkage_studies.settings import Section, setting
 
 _KEYS = ('step', 'work', 'energy_balance', 'stiffness', 'tilt', 'moves')
 _WORK_PERIOD = 0.002
-"""Frame period of a chain with an actuator [s], a small fraction of the filling time."""
+"""Frame period of a chain with an actuator [s], a small fraction of its filling time."""
 
 
 @dataclass(frozen=True)
@@ -39,18 +39,18 @@ class DrivingStudy:
     step: Profile
     """Commanded pressure [Pa] over time [s]."""
     works: dict[str, partial[DrivenChain]]
-    """Tasks by actuator name; each drives a chain at its first edge by a pneumatic actuator."""
+    """Tasks by actuator name; in each, a pneumatic actuator drives the first edge of a chain."""
     balances: dict[str, BalanceTask]
-    """One task for springs ('elastic') and one for bars ('rigid')."""
+    """Checks of the energy balance, for springs ('elastic') and for bars ('rigid')."""
     stiffnesses: list[StiffnessTask]
     tilts: dict[str, TiltTask]
-    """One task for springs ('elastic') and one for bars ('rigid')."""
+    """Simulations of a tilted chain, with springs ('elastic') and with bars ('rigid')."""
     moves: dict[MoveKey, list[MoveTask]]
     """Tasks by chain name and condition name."""
 
     @property
     def tasks(self) -> dict[tuple[Any, ...], Callable[[], Any]]:
-        """All tasks by panel and name or number; the longest tasks come first."""
+        """All tasks, the longest first. A key is the panel and the name or number of the task."""
         stiffest_first = dict(reversed(list(enumerate(self.stiffnesses))))
         panels: dict[str, Mapping[Any, Callable[[], Any]]] = {
             'e': numbered_tasks(self.moves),
@@ -105,16 +105,18 @@ _PERIOD = 0.01
 _BALANCE_TOLERANCE = 1e-12
 """Largest integration error of an angle per time unit [rad]; a thousandth of `IMBALANCE_LIMIT`."""
 _TILT_TOLERANCE = 1e-8
-"""Largest integration error of an angle per time unit [rad]; it is invisible in the picture."""
+"""Largest integration error of an angle per time unit [rad]; such errors are invisible in the
+picture."""
 _EVENT_FRAMES = 30
-"""Number of frames in a span [1]. Each span contains one kick and one change of gravity; torques
-act in every second span."""
+"""Number of frames in a cycle of events [1]. Each cycle contains one kick and one change of
+gravity. Torques act in every second cycle."""
 _KICK_FRAME = 10
-"""Index of the frame in a span at which the kick occurs [1]."""
+"""Index of the frame in a cycle at which the kick occurs [1]."""
 _TURN_FRAME = 20
-"""Index of the frame in a span at which gravity changes [1], far from the kick."""
+"""Index of the frame in a cycle at which gravity changes [1], well after the kick."""
 _CROSSING_FRAMES = 200
-"""Number of frames of a simulated crossing [1]; a wall moves by less than a spacing per frame."""
+"""Number of frames of a simulated crossing [1], so that a wall moves by less than a spacing per
+frame."""
 
 
 @dataclass(frozen=True)
@@ -151,7 +153,7 @@ class BalanceTask:
 
     @staticmethod
     def read(section: Section, mechanics: str) -> BalanceTask:
-        """Read the settings; draw random deviations of the chain."""
+        """Read the settings, and draw the random deviations of the chain."""
         bare = section.chain()
         shares = dict.fromkeys(DISORDERED, section.number('disorder', 0.0, 0.3))
         position = section.number('position', 0.0, bare.number_of_rotors - 1)
@@ -215,7 +217,7 @@ class StiffnessTask:
         ]
 
     def __call__(self) -> float:
-        """Return the largest angle difference between springs and bars in the crossing [rad]."""
+        """Return the largest difference of an angle between springs and bars [rad]."""
         chain, rates = self.chain, np.array(self.rates)
         rest = chain.uniform_state(1)
         period = self.duration / _CROSSING_FRAMES
@@ -245,7 +247,7 @@ class TiltedRun:
 
 @dataclass(frozen=True)
 class TiltTask:
-    """Task to tilt a chain back and forth, from rest in the left-leaning state."""
+    """Task to tilt a chain back and forth; it starts at rest in the left-leaning state."""
 
     chain: Chain
     mechanics: str

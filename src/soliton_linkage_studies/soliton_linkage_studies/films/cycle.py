@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Films of a wall: a full cycle, flat or three-dimensional, and a fall in a tilted linkage."""
+"""Films of a wall: a full cycle, drawn flat or in three dimensions, and a tilted linkage."""
 
 from __future__ import annotations
 
@@ -199,8 +199,8 @@ def layered(chain: Chain, angles: Array, layer: float) -> Array:
 def from_behind(bodies: Array, azimuth: float, elevation: float) -> list[int]:
     """Return the indices of `bodies`, from the farthest to the nearest.
 
-    A body is a pair of end points [m]; azimuth and elevation [rad] give the direction of the
-    camera.
+    A body is a pair of end points [m]. The direction of the camera has the given azimuth and
+    elevation [rad].
     """
     nearness = bodies.mean(axis=1) @ drawing.towards_camera(azimuth, elevation)
     return [int(body) for body in np.argsort(nearness, kind='stable')]
@@ -214,7 +214,9 @@ class Tilting:
     acceleration: float
     """Gravitational acceleration [m/s^2]."""
     times: tuple[float, ...] = setting('times of the tilts, from 0 on', 's', 0.0, 1e4)
-    tilts: tuple[float, ...] = setting('tilts; above 0: last rotor low', 'rad', -math.pi, math.pi)
+    tilts: tuple[float, ...] = setting(
+        'tilts; positive: last rotor lower', 'rad', -math.pi, math.pi
+    )
 
     @staticmethod
     def read(section: Section) -> Tilting:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Films of small motions (zero mode, drives below and above the gap), and of a unit cell."""
+"""Films of the zero mode, of chains driven below and above the band gap, and of a unit cell."""
 
 from __future__ import annotations
 
@@ -122,8 +122,8 @@ def driven(chain: Chain, frequency: float) -> Array:
     """Return the steady response of the right-leaning chain to a torque on rotor 0, shape (N,).
 
     The complex amplitudes x obey (K - omega^2 I + i omega damping) x = torque with omega =
-    `frequency` [rad/s], stiffness matrix K and moments of inertia I. They are divided by that of
-    rotor 0.
+    `frequency` [rad/s], stiffness matrix K and moments of inertia I. The returned amplitudes are
+    divided by the amplitude of rotor 0.
     """
     stiffness = stiffness_matrix(chain, chain.uniform_state(1)).toarray()
     inertia = np.diag(-(frequency**2) * chain.moments_of_inertia + 1j * frequency * chain.dampings)
@@ -132,7 +132,7 @@ def driven(chain: Chain, frequency: float) -> Array:
 
 
 _SMOOTH = 800
-"""Number of steps of a drawn curve [1]; no step is longer than a pixel."""
+"""Number of segments of a drawn curve [1], so that no segment is longer than a pixel."""
 
 
 @dataclass(frozen=True)
@@ -154,7 +154,7 @@ class Cell:
 
 @scenes.FILM_KINDS.add('unit_cell')
 class CellScene(scenes.Scene):
-    """Scene of a cycle of a unit cell, as a linkage and as a point in configuration space."""
+    """Scene of a moving unit cell, drawn as a linkage and as a point in configuration space."""
 
     caption = f"""
     {drawing.LINKAGE} The red line is a rigid bar; pale circles are the paths of the masses.

@@ -86,7 +86,8 @@ def scene_of(film: Film) -> Scene:
 _CODEC = 'libx264'
 _QUALITY = ('-crf', '20', '-preset', 'veryfast', '-movflags', '+faststart')
 SHRINKING = 2
-"""Factor by which the width and height of a GIF are divided [1], because it must fit in memory."""
+"""Factor by which the width and height of a GIF are divided [1]; a larger GIF would not fit in
+memory."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +106,10 @@ class FileKind:
 
 
 def file_kind() -> FileKind:
-    """Return MP4 if the command ffmpeg or that of imageio_ffmpeg writes H.264, otherwise GIF."""
+    """Return MP4 if an ffmpeg program that writes H.264 is found, otherwise GIF.
+
+    The program is the command ffmpeg, or the one in the package imageio_ffmpeg.
+    """
     complaints = []
     programs = {'command ffmpeg': shutil.which('ffmpeg'), 'package imageio_ffmpeg': None}
     with suppress(ImportError, RuntimeError):
@@ -140,7 +144,7 @@ def write_film(scene: Scene, frame_rate: float, path: Path, kind: FileKind) -> N
 
 
 class _Painter(FFMpegWriter):
-    """FFmpeg writer of rendered pixels; the inherited `grab_frame` draws all artists again."""
+    """FFmpeg writer that takes rendered pixels; `grab_frame` would draw all artists again."""
 
     def write(self, pixels: memoryview) -> None:
         process: Any = vars(self)['_proc']

@@ -24,7 +24,7 @@ from soliton_linkage_studies.palette import BLACK, BLUE, DARK, GREY, PALE, WHITE
 from soliton_linkage_studies.program import Registry
 
 INCHES_HIGH = 7.2
-"""Height of every figure [inches], to which font sizes are relative."""
+"""Height of every figure [inches]; the font sizes are chosen for this height."""
 STYLE: Any = {
     'font.size': 12.5,
     'axes.titlesize': 12.5,
@@ -66,12 +66,12 @@ class Format:
 
 
 class Scene(ABC):
-    """Figure with a title and a clock; `show` moves the artists to a frame, `paint` renders it."""
+    """Figure with title and clock; `show` moves its artists, `paint` returns a frame's pixels."""
 
     caption: ClassVar[str] = ''
     """Explanation of the symbols, lines and colours that have no label in the film."""
     settings: ClassVar[Any]
-    """Class whose method `read` reads a `Section` and returns the argument `motion`."""
+    """Class of the argument `motion`; its method `read` creates the argument from a `Section`."""
 
     def __init__(
         self, title: str, subtitle: str, shape: Format, duration: float, time_unit: float
@@ -107,7 +107,10 @@ class Scene(ABC):
         self._move(frame)
 
     def paint(self, frame: int) -> memoryview:
-        """Return the RGBA pixels of a frame, top row first. Artists at rest are drawn once."""
+        """Return the RGBA pixels of a frame, top row first.
+
+        Artists that `add_moving` has not registered are drawn only for the first frame.
+        """
         self.show(frame)
         if self._still is None:
             for artist in self._moving:
@@ -208,9 +211,9 @@ def static_profile(
 
 
 def stacked(figure: Figure, chain: Chain, shares: tuple[float, ...]) -> list[Axes]:
-    """Return axes of the chain, drawn to scale, and of panels below it with the same x range.
+    """Return axes for a chain drawn to scale, and for panels below it with the same x range.
 
-    `shares` are the heights of the panels, up to a common factor.
+    `shares` are the relative heights of the panels.
     """
     left, right, bottom, top = limits(chain, projections=True)
     wide, high = (float(length) for length in figure.get_size_inches())
