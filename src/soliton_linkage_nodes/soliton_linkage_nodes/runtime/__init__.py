@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runtime of every node: parameters, diagnostics, topics, loops at a fixed rate, signals."""
+"""Basis of every node: parameters, diagnostics, topics, loops at a fixed rate, signals."""

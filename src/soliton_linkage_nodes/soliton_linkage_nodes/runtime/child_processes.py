@@ -21,11 +21,12 @@ _PACKAGE = 'soliton_linkage_nodes'
 START_LIMIT = 180.0
 """Time limit for nodes to start and to discover each other [s], sufficient on a busy machine."""
 _PARENT_DEATH_SIGNAL = 1
-"""Option PR_SET_PDEATHSIG of prctl(2): the kernel signals a node whose parent was killed."""
+"""Option PR_SET_PDEATHSIG of prctl(2), with which the kernel sends a signal to a node when its
+parent process ends."""
 _STOP_LIMIT = 10.0
 """Time from SIGTERM to SIGKILL [s]. It is long because a recorder may write to a slow disk."""
 _LOG_TAIL = 5
-"""Number of log lines that the error about an ended node quotes [1]."""
+"""Number of log lines that the error message about an ended node quotes [1]."""
 _DOMAINS = 100
 """Largest identifier of a private ROS domain [1]."""
 _C_LIBRARY = ctypes.CDLL(None)
@@ -65,7 +66,10 @@ class ChildProcesses:
             )
 
     def ended(self) -> dict[str, str]:
-        """Return a sentence about each ended process; RuntimeError if one failed at its start."""
+        """Return a sentence about each process that has ended.
+
+        Raises RuntimeError if a process has failed within 180 s after its start.
+        """
         found = {}
         for node, process in self._running.items():
             if process.poll() is None:
@@ -94,7 +98,7 @@ class ChildProcesses:
         return True
 
     def stop(self, nodes: Sequence[str] | None = None) -> dict[str, int]:
-        """Terminate or kill the named processes, by default all; return their exit codes."""
+        """Terminate or kill the named processes, by default all, and return their exit codes."""
         named = nodes or tuple(self._running)
         chosen = {node: self._running.pop(node) for node in named if node in self._running}
         for process in chosen.values():
@@ -115,7 +119,7 @@ class ChildProcesses:
 
 
 def page_address(output: str) -> str | None:
-    """Return the address of the web page, which live_view prints in its `output`, or None."""
+    """Return the address of the web page that live_view has printed in its `output`, or None."""
     found = re.search(r'open (http://\S+)', output)
     return found[1] if found else None
 
@@ -127,7 +131,7 @@ def has_display() -> bool:
 
 @contextmanager
 def private_domain() -> Iterator[None]:
-    """Run a block in a random ROS domain that no other such block on this machine uses.
+    """Run a block in a random ROS domain that no other `private_domain` on this machine uses.
 
     The domain also applies to child processes of the block. The block must not raise OSError,
     because domain_coordinator would take the error for an occupied domain and try another one.
@@ -143,8 +147,9 @@ def private_domain() -> Iterator[None]:
 def restrict_to_loopback() -> None:
     """Make this process and its children unreachable from other machines.
 
-    Fast DDS gets a profile instead of the discovery range LOCALHOST. With this range it would open
-    sockets on all interfaces, and its shared memory could block all nodes after a kill.
+    Fast DDS gets a profile instead of the discovery range LOCALHOST. With LOCALHOST, Fast DDS
+    would open sockets on all interfaces. If a node were killed, its shared memory could then block
+    all nodes.
     """
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     try:

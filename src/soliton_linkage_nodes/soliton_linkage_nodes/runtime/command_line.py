@@ -32,11 +32,12 @@ _WIDTH = 96
 _ROS_OPTIONS = ('--params-file', '-p', '--param', '-r', '--remap', '--log-level')
 _EXAMPLES = ('-p NAME:=VALUE', '--params-file FILE', '-r NAME:=OTHER_NAME')
 _PATHS = ('bag', 'output')
-"""For an argument without an option, the error proposes the first of these that the node has."""
+"""Parameters for a path. If the user gives a path without a parameter name, the error message
+proposes the first of these parameters that the node has."""
 
 
 def check_arguments(node: NodeClass, arguments: Sequence[str]) -> None:
-    """Print the help of a node and exit, or reject unknown arguments."""
+    """Print the help of a node and exit if requested; exit if an argument is unknown."""
     if {'-h', '--help'} & set(arguments):
         try:
             print(help_text(node), flush=True)
@@ -63,7 +64,7 @@ def executable_name(node: NodeClass) -> str:
 
 
 def parameter_names(node: NodeClass) -> set[str]:
-    """Return the names of the parameters in the groups `PARAMETERS` of the node class."""
+    """Return the names of all parameters in the groups that the attribute `PARAMETERS` lists."""
     groups = _groups(node).items()
     return {prefix + name for group, prefix in groups for name in described_fields(group)}
 

@@ -26,7 +26,7 @@ _NUMBERS = re.compile(r'[-+]?(?:\d+\.?\d*(?:e[-+]?\d+)?|\binf\b|\bnan\b)')
 
 
 class LogThrottle:
-    """Filter that logs messages which differ only in numbers at most once per period."""
+    """Filter for log messages. Messages that differ only in numbers are logged once per period."""
 
     def __init__(self, log: Callable[[str], object], period: float) -> None:
         self._log = log
@@ -65,7 +65,7 @@ class LogThrottle:
 
 @dataclass(frozen=True)
 class Report:
-    """State of a node: a sentence, named values, and whether the report is a warning."""
+    """State of a node as a sentence and named values. A flag marks the report as a warning."""
 
     message: str
     values: Mapping[str, Any] = field(default_factory=dict)
@@ -89,9 +89,10 @@ class Increments:
 
 
 class Diagnostics:
-    """Publisher of a node's report once a second. It also counts rejected inputs and failures.
+    """Publisher that reports the state of a node once per second.
 
-    Each function in `monitors` returns a warning (or '') and named values for the report.
+    It also counts rejected inputs and failures. Each function in `monitors` returns a warning (or
+    '') and named values for the report.
     """
 
     def __init__(self, node: Node, task: str, report: Callable[[], Report]) -> None:
@@ -104,8 +105,8 @@ class Diagnostics:
         self._report = report
         self._increments = Increments()
         self._last_rejection = self._last_failure = ''
-        # The log throttle of rclpy takes 0.7 ms per message, because it determines the line of
-        # code that called it.
+        # The log throttle of rclpy needs 0.7 ms per message, because it determines the line of
+        # code that logs the message.
         self._rejections = LogThrottle(lambda line: node.get_logger().warning(line), _PERIOD)
         self._failures = LogThrottle(lambda line: node.get_logger().error(line), _PERIOD)
         self._publisher = DIAGNOSTICS.publisher(node)
@@ -113,7 +114,7 @@ class Diagnostics:
         node.create_timer(_PERIOD, self.publish, clock=steady)
 
     def reject(self, source: str, reason: object) -> None:
-        """Count a rejected input with the name `source`, and log it with a `LogThrottle`."""
+        """Count a rejected input from `source`, and log the reason with a `LogThrottle`."""
         self.rejected += 1
         self._last_rejection = f'{source}: {reason}'
         self._rejections.log(f'rejected {self._last_rejection}')

@@ -42,7 +42,10 @@ class GuardedNode(Node):
         return (each for each in super().subscriptions if each not in self._undispatched)
 
     def dispatch(self, subscription: Subscription, dispatched: bool) -> None:
-        """Set whether executors take the messages, or the node itself, which is faster."""
+        """Set whether executors take the messages of a subscription.
+
+        If not, the node must take the messages itself, which is faster.
+        """
         this = frozenset([subscription])
         self._undispatched = self._undispatched - this if dispatched else self._undispatched | this
         if self.executor is not None:
@@ -57,7 +60,7 @@ class GuardedNode(Node):
         return bool(super().destroy_subscription(subscription))
 
     def before_destroying(self, subscription: Subscription, finalise: Callable[[], None]) -> None:
-        """Register `finalise`, which is called before a subscription is destroyed."""
+        """Register the function `finalise` to be called before the subscription is destroyed."""
         self._finalisers = {**self._finalisers, subscription: finalise}
 
     def create_subscription(
@@ -70,7 +73,10 @@ class GuardedNode(Node):
     def create_timer(
         self, timer_period_sec: float, callback: Callable[[], Any], *args: Any, **kwargs: Any
     ) -> Any:
-        """Create a timer, by default of a steady clock, that logs an exception of the callback."""
+        """Create a timer that logs an exception of the callback.
+
+        By default, the timer uses a steady clock.
+        """
         guarded = self.guarded('run a timer', callback)
         timer: Any = None
 
@@ -109,7 +115,7 @@ class GuardedNode(Node):
                 return SetParametersResult(successful=False, reason=reason)
         result = super().set_parameters_atomically(parameter_list)
         if not result.successful:
-            # The reasons of rclpy name neither the value nor a remedy.
+            # The reasons that rclpy returns contain neither the value nor a remedy.
             reasons = (rejection(self.describe_parameter(p.name), p.value) for p in parameter_list)
             result.reason = next(filter(None, reasons), result.reason)
         return result

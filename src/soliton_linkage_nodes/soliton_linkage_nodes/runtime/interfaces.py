@@ -34,7 +34,7 @@ ACKNOWLEDGEMENT_LIMIT = 0.5
 _POLL_INTERVAL = 0.02
 """Poll interval while waiting for subscribers [s]."""
 _DISCOVERY_TIME = 1.0
-"""Discovery counts as complete after the number of subscribers was constant for this [s]."""
+"""Discovery counts as complete if the number of subscribers has not changed for this time [s]."""
 
 
 def reliable_qos(depth: int) -> QoSProfile:
@@ -91,7 +91,7 @@ class Topic:
 
 
 _DISPLAY_QOS = reliable_qos(5)
-"""Quality of service with a short queue, because displays need new pictures only."""
+"""Quality of service with a short queue, because displays need only the newest pictures."""
 
 JOINT_STATES = Topic('joint_states', JointState, stream_qos())
 NUDGE = Topic('nudge', Float64, command_qos())

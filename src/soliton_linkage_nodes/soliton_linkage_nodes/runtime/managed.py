@@ -38,7 +38,7 @@ class ManagedNode(GuardedNode, LifecycleNode):
     A subclass lists its parameters in `PARAMETERS` and overrides `configure`, `activate`,
     `deactivate` and `cleanup`. After `cleanup`, the node destroys the topics, timers and services
     that were created since `configure` began. If `configure` or `activate` raises an error, the
-    node logs it and keeps its previous state. If the node starts itself (parameter `autostart`),
+    node logs the error and keeps its previous state. At a start with the parameter `autostart`,
     the constructor raises this error instead.
     """
 
@@ -89,10 +89,10 @@ class ManagedNode(GuardedNode, LifecycleNode):
         """Close what `configure` has opened, except topics, timers and services."""
 
     def follow_parameters(self) -> None:
-        """Apply the changed parameters of a configured node."""
+        """Apply parameters that have changed while the node is configured."""
 
     def while_active(self, take: Callable[[Any], None]) -> Callable[[Any], None]:
-        """Return a callback that drops messages unless the node is active."""
+        """Return a callback that passes messages to `take` only while the node is active."""
 
         def take_or_drop(message: Any) -> None:
             if self.active:
@@ -110,7 +110,7 @@ class ManagedNode(GuardedNode, LifecycleNode):
         return lambda: report() if self.active else Report('not active')
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Configure the node; if this fails, destroy the topics, timers and services created."""
+        """Configure the node. If this fails, destroy the topics, timers and services created."""
         self._permanent = {each for kind in _DESTROYERS for each in getattr(self, kind)}
         self.configured = self._run(self.configure)
         if not self.configured:

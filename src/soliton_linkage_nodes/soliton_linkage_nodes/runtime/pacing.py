@@ -24,10 +24,10 @@ _LARGEST_SHARE = 0.8
 
 
 def raise_priority(raised: bool, threads: Sequence[int] = (0,)) -> None:
-    """Give threads the lowest real-time priority (SCHED_FIFO), or remove it if not `raised`.
+    """Give threads the lowest real-time priority (SCHED_FIFO) or, if not `raised`, remove it.
 
     Thread 0 is the calling thread. New threads inherit the priority of the thread that starts
-    them. Without permission (limit rtprio), nothing changes.
+    them. If the process lacks the permission (limit rtprio), nothing changes.
     """
     priority = _LOWEST_PRIORITY if raised else 0
     policy = os.SCHED_FIFO if raised else os.SCHED_OTHER
@@ -66,20 +66,21 @@ class IdlePriority:
 
 
 def _middleware_threads() -> list[int]:
-    """Return the system thread numbers of all threads that Python did not start."""
+    """Return the system thread numbers of all threads that Python has not started."""
     ours = {thread.native_id for thread in threading.enumerate()}
     numbers = (int(path.name) for path in Path('/proc/self/task').iterdir())
     return [number for number in numbers if number not in ours]
 
 
 _LONGEST_LAG = 10**8
-"""A call that is later than this [ns] postpones all later calls by its lateness."""
+"""If a call is later than this [ns], all later deadlines are postponed by its lateness."""
 _LONGEST_SLEEP = 0.1
 """The loop checks at least this often whether it was stopped or its rate was changed [s]."""
 _IDLE = 0.005
-"""Pause of a loop at an infinite rate after a call that returned False [s]."""
+"""At an infinite rate, the loop pauses for this time after a call that has returned False [s]."""
 _PRIORITY_LIMIT = 10**7
-"""A call that is later than this [ns], ten periods at 1000 Hz, runs without real-time priority."""
+"""If a call is later than this [ns], it runs without real-time priority. The limit is ten periods
+at 1000 Hz."""
 
 
 class Punctuality(NamedTuple):
@@ -95,13 +96,13 @@ class Punctuality(NamedTuple):
 
 
 class PacedLoop:
-    """Thread that calls a function at t0 + k / rate, k = 0, 1, ..., with its start time t0.
+    """Thread that calls a function at the times t0 + k / rate, with k = 0, 1, ...
 
-    A call that is more than 0.1 s late postpones all later deadlines, so that the missed calls do
-    not follow in a burst. A change of the rate sets t0 to the current time. At an infinite rate,
-    calls follow without pauses, except for 5 ms after a call that returns False. With `real_time`,
-    the thread has real-time priority, except at an infinite rate and during calls that are at
-    least 10 ms late.
+    The time t0 is the start of the loop or the last change of its rate. A call that is more than
+    0.1 s late postpones all later deadlines, so that the missed calls do not follow in a burst. At
+    an infinite rate, calls follow without pauses, except for 5 ms after a call that returns False.
+    With `real_time`, the thread has real-time priority, except at an infinite rate and during
+    calls that are at least 10 ms late.
     """
 
     def __init__(self, rate: float, act: Callable[[], object], real_time: bool = False) -> None:

@@ -26,7 +26,7 @@ class Notice(NamedTuple):
 
 
 def resolve_path(argument: str, value: str, known: Mapping[str, Path]) -> Path:
-    """Return the path `known[value]` or else `value`; ValueError if the path does not exist."""
+    """Return `known[value]` or else the path `value`; ValueError if the path does not exist."""
     path = known.get(value, Path(value))
     if not path.exists():
         raise ValueError(
@@ -68,10 +68,10 @@ def matches(pattern: str, node: str) -> bool:
 
 
 def notices(node: Node, arguments: Sequence[str], others: Sequence[Node] = ()) -> Iterator[Notice]:
-    """Yield notices about parameter files on the command line of a node.
+    """Yield notices about the parameter files on the command line of a node.
 
     A warning names a file that has parameters neither for `node` nor for `others`. Another notice
-    names a parameter for which a file and the option `-p` have different values.
+    names each parameter whose value in a file differs from its value in an option `-p`.
     """
     name = node.get_fully_qualified_name()
     started = [name, *(other.get_fully_qualified_name() for other in others)]

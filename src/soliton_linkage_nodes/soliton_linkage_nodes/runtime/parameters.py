@@ -97,7 +97,7 @@ def reject_unknown(node: Node) -> None:
 
 
 def overrides(node: Node) -> Mapping[str, Parameter]:
-    """Return the parameters that the user has set for a node, from a private field of rclpy."""
+    """Return the parameters that the user has set. They are in a private field of rclpy."""
     given: dict[str, Parameter] = node._parameter_overrides
     return given
 
@@ -127,7 +127,7 @@ def type_complaint(kind: Parameter.Type, value: Any) -> str:
 
 
 def limits(descriptor: msg.ParameterDescriptor) -> Quantity:
-    """Return the range and choices in a parameter's descriptor; an unlimited end becomes None."""
+    """Return the range and the choices in a parameter's descriptor; None is a missing limit."""
     ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
     ends = (ranges[0].from_value, ranges[0].to_value) if ranges else (math.inf, math.inf)
     low, high = (each if abs(each) < LARGEST_INTEGER else None for each in ends)
@@ -137,7 +137,7 @@ def limits(descriptor: msg.ParameterDescriptor) -> Quantity:
 
 
 def rejection(descriptor: msg.ParameterDescriptor, value: Any) -> str:
-    """Return the reason why a parameter cannot have a value, and a remedy; '' if it can."""
+    """Return the reason why a parameter rejects a value, with a remedy, or '' if it accepts it."""
     name, kind = descriptor.name, Parameter.Type(descriptor.type)
     if descriptor.read_only:
         return (
@@ -181,7 +181,7 @@ def _check(known: Mapping[str, Quantity], changes: Sequence[Parameter]) -> msg.S
 
 
 def _convert_changes(node: Node) -> None:
-    """Add a callback, once, that converts values set at run time to the declared types."""
+    """Add one callback to a node that converts values set at run time to the declared types."""
     # Only one such callback is possible, because rclpy concatenates the results of several.
     if node not in _CONVERTING:
         _CONVERTING.add(node)

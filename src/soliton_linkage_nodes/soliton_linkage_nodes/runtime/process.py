@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Processes that run nodes: start, spinning, stop on a signal, and errors in one line."""
+"""Start and end of a process that runs nodes: spinning, signals, and errors in one line."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ from soliton_linkage_nodes.runtime.parameter_files import check_files, notices
 from soliton_linkage_nodes.runtime.parameters import reject_unknown
 
 _SPIN = 0.02
-"""Longest time between two checks of a condition while no message arrives [s]."""
+"""Longest time between two checks of a condition if no message arrives [s]."""
 _SHARE_OF_PERIOD = 0.1
 """Switch interval of the interpreter divided by the period of the frames [1]. Sensitivity: at
 0.5x, waiting threads wake up twice as often; at 2x, frames are later by another 0.1 periods."""
 _SHORTEST_INTERVAL = 1e-4
 """Shortest switch interval of the interpreter [s], well above the few microseconds of a switch."""
 _MIXED = 'Sequence should be of same type'
-"""Part of the error of rcl for a list that mixes integers and floats, such as [1, 0.5]."""
+"""Part of rcl's error message for a list of integers and floats, such as [1, 0.5]."""
 _LONGEST_WAIT = 0.1
 """Length of a slice of spinning [s], after which the process checks for a signal."""
 
@@ -81,7 +81,7 @@ class WaitingNode(Node):
 
 
 def stop_on_signals() -> threading.Event:
-    """Return an event that SIGINT and SIGTERM set; the process can then end without data loss."""
+    """Return an event that SIGINT and SIGTERM set, so that the process ends without data loss."""
     stopping = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda _number, _frame: stopping.set())
@@ -89,16 +89,17 @@ def stop_on_signals() -> threading.Event:
 
 
 def interrupt_on_signals() -> None:
-    """Make SIGINT and SIGTERM raise KeyboardInterrupt, which also ends a long computation."""
+    """Make SIGINT and SIGTERM raise KeyboardInterrupt, so that they end a long computation."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
 
 
 @contextmanager
 def interruptible(stopping: threading.Event) -> Iterator[None]:
-    """Raise KeyboardInterrupt in a block at a signal, or at its start if `stopping` is set.
+    """Run a block in which SIGINT and SIGTERM set `stopping` and raise KeyboardInterrupt.
 
-    A signal sets `stopping`. If a library suppresses the exception, it is raised again at the end.
+    If `stopping` is already set, KeyboardInterrupt is raised at the start of the block. If a
+    library suppresses the exception, it is raised again at the end of the block.
     """
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
 
@@ -122,7 +123,7 @@ def interruptible(stopping: threading.Event) -> Iterator[None]:
 
 
 def initialise(arguments: list[str] | None = None) -> None:
-    """Initialise ROS from arguments, by default the command line; ValueError for wrong ones."""
+    """Initialise ROS from arguments, by default the command line; ValueError if one is wrong."""
     check_files(sys.argv if arguments is None else arguments)
     try:
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
@@ -145,7 +146,7 @@ def run(create_node: Callable[[], Node]) -> None:
 
 
 def run_together(constructors: Sequence[Callable[[], Node]], arguments: list[str]) -> None:
-    """Create nodes and spin all of them in this process; the rest is as in `run`."""
+    """Create nodes and spin all of them in this process, with the ends and exit codes of `run`."""
     stopping = stop_on_signals()
     code = 0
     try:
@@ -168,11 +169,11 @@ def run_together(constructors: Sequence[Callable[[], Node]], arguments: list[str
             if rates:
                 interval = max(_SHARE_OF_PERIOD / max(rates), _SHORTEST_INTERVAL)
                 sys.setswitchinterval(min(interval, sys.getswitchinterval()))
-            # Exclude the permanent objects from garbage collection, which would take 40 ms with
-            # them.
+            # Exclude all objects that exist now from garbage collection. Otherwise, a collection
+            # would take 40 ms.
             gc.freeze()
-            # First of all, shut the executor down: until then, threads of the middleware call it
-            # when a message arrives.
+            # At the end, the executor shuts down before the nodes are destroyed, because threads
+            # of the middleware call it when a message arrives.
             stack.callback(executor.shutdown)
             _spin(executor, nodes, stopping)
     except (ValueError, OSError, MemoryError) as error:

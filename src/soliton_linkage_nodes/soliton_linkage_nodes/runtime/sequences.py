@@ -14,25 +14,26 @@ _SILENCE = 0.5
 """Shortest silence of the selected publisher after which it is replaced by another one [s]. The
 ROS graph cannot replace this time limit, because it still lists a killed publisher for 20 s."""
 _SILENT_PERIODS = 5
-"""The silence must also last for this number of the publisher's message periods [1]."""
+"""The silence must also last for this number of mean message periods of the publisher [1]."""
 _MEMORY = 20
 """The period of a publisher is averaged over about this many messages [1]."""
 _GAP_RATIO = 3.0
-"""A message probably does not come from a publisher if the time since the last message of this
-publisher differs from the expected time by more than this factor [1]."""
+"""A message probably does not come from a publisher if the time since the publisher's last message
+differs from the expected time by more than this factor [1]."""
 _NANOSECOND = 1e-9
 """One nanosecond [s]."""
 _OFFSET_WINDOW = 10.0
-"""Length of the time windows in which the smallest delay of a message is determined [s]. It is
-short because clocks drift."""
+"""Length of a time window [s]. In each window, the smallest delay of a message is determined. The
+windows are short because clocks drift."""
 
 
 class SequenceGaps:
     """Counter of the messages of a topic that were published and never received.
 
-    Each publisher numbers its messages 1, 2, 3, ... Message n belongs to the publisher whose last
-    received number is the largest one below n. It belongs to a new publisher if there is no such
-    number, or if this number is not n - 1 and the ROS graph lists more publishers than are known.
+    Each publisher numbers its messages 1, 2, 3, ... Normally, message n belongs to the publisher
+    whose last received number is the largest one below n. The message belongs to a new publisher
+    if no last number is below n. It also belongs to a new publisher if no last number is n - 1 and
+    the ROS graph lists more publishers than have sent messages.
     """
 
     def __init__(self) -> None:
@@ -40,7 +41,7 @@ class SequenceGaps:
         self._last: list[int] = []
 
     def take(self, number: int, publishers: int) -> bool:
-        """Count messages missing before message `number`; return whether its publisher is new."""
+        """Count the messages missing before this one; return whether its publisher is new."""
         if self._last == [number - 1]:
             self._last[0] = number
             return False
@@ -57,7 +58,7 @@ class SequenceGaps:
 
 @dataclass
 class _Newcomer:
-    """First message of a publisher: its sequence number and source time [ns].
+    """Sequence number and source time [ns] of the first received message of a publisher.
 
     `elapsed` is the time from the subscription to this message, and `period` the time between
     messages of the publisher [ns].
@@ -79,7 +80,7 @@ class MissedStarts:
     def missed(self) -> int:
         """Number of messages sent after the subscription but before the first received one.
 
-        Publishers that probably sent some messages before the subscription are left out.
+        Publishers that probably sent some messages before the subscription do not count.
         """
         before = ((each.number - 1, each) for each in self._newcomers)
         return sum(count for count, each in before if count * each.period <= each.elapsed)
@@ -90,7 +91,10 @@ class MissedStarts:
             self._newcomers.append(_Newcomer(number, sent, elapsed))
 
     def take(self, number: int, sent: int) -> None:
-        """Estimate message periods of new publishers from a later message, sent at `sent` [ns]."""
+        """Estimate the message periods of new publishers from a later message.
+
+        `number` is its sequence number, and `sent` its source time [ns].
+        """
         for each in self._newcomers:
             if each.number < number <= each.number + _MEMORY:
                 each.period = (sent - each.sent) / (number - each.number)
@@ -98,7 +102,10 @@ class MissedStarts:
 
 @dataclass
 class _Publisher:
-    """Last number and source time [ns] of a publisher, and its mean message period [ns] or NaN."""
+    """Newest sequence number and source time [ns] of a publisher.
+
+    `period` is the mean time between its messages [ns], or NaN after only one message.
+    """
 
     number: int
     sent: int
@@ -122,7 +129,10 @@ class _Publisher:
         return missing
 
     def time_mismatch(self, number: int, sent: int) -> float:
-        """Return |log(time since the last message / expected time)|, infinite for old messages."""
+        """Return |log(time since the last message / expected time)|.
+
+        The result is infinite if the message is not newer than the last one.
+        """
         count, took = number - self.number, sent - self.sent
         if count <= 0:
             return math.inf
@@ -134,21 +144,22 @@ class _Publisher:
 
 @dataclass
 class Counts:
-    """Counters of a `PublisherArbitration`; several of them may share one object."""
+    """Counters of a `PublisherArbitration`. Several arbitrations may share one object."""
 
     lost: int = 0
     """Number of messages that were published and never received."""
     foreign: int = 0
     """Number of messages from publishers that were not selected."""
     successions: int = 0
-    """Number of times that a selected publisher was silent and was replaced."""
+    """Number of times that another publisher replaced a silent one."""
 
 
 class PublisherArbitration:
     """Filter that keeps only the messages of one selected publisher of a topic.
 
     The publisher of the first message is selected. When it becomes silent, another one replaces
-    it. A message is assigned to the publisher whose last number and message period fit best.
+    it. Messages do not name their publisher. Each message is assigned to the publisher whose last
+    sequence number and message period fit best.
     """
 
     def __init__(self, counts: Counts) -> None:
@@ -213,7 +224,10 @@ class PublisherArbitration:
 
 @dataclass
 class _Share:
-    """Publishers of the same parts of a stream; their last kept message came at `taken_at` [s]."""
+    """Publishers that send the same parts of a stream, such as the same joints.
+
+    `taken_at` is the time when their last kept message arrived [s].
+    """
 
     arbitration: PublisherArbitration
     parts: set[str]
@@ -221,7 +235,8 @@ class _Share:
 
 
 _ABSENCE = 5.0
-"""When new parts arrive, publishers of parts not received for this time [s] are forgotten."""
+"""When new parts arrive, publishers whose parts have not arrived for this time [s] are
+discarded."""
 
 
 class StreamArbitration:
@@ -241,8 +256,8 @@ class StreamArbitration:
     ) -> bool:
         """Return whether to keep a message with a sequence number and a source time `sent` [ns].
 
-        `publishers()` returns the number of publishers of the topic, and `parts()` the names in
-        this message, such as joint names.
+        `publishers()` returns the number of publishers of the topic. `parts()` returns the names
+        of the parts in this message, such as joint names.
         """
         first = self._shares[0]
         if parts is None:
@@ -277,7 +292,7 @@ class StreamArbitration:
 class Lag:
     """Monitor of the lag behind a publisher.
 
-    The lag is the delay of the newest message minus the least delay in the last 10 to 20 s.
+    The lag is the delay of the newest message minus the smallest delay in the last 10 to 20 s.
     """
 
     def __init__(self, longest: float) -> None:
@@ -289,8 +304,8 @@ class Lag:
     def too_long(self, sent: int) -> bool:
         """Add a message with source time `sent` [ns]; return whether the lag is too long.
 
-        This is the case if the lag has been at least `longest` [s], the limit given to the
-        constructor, without interruption for longer than this same time.
+        The lag is too long if it has stayed at or above `longest` for more than the time `longest`
+        [s].
         """
         now = time.monotonic()
         apart = time.time_ns() - sent

@@ -32,7 +32,10 @@ def serialize(message: Any) -> bytes:
 
 
 def _end(message: Any, begin: int) -> int:
-    """Return where a message ends; positions do not count the encapsulation header [B]."""
+    """Return the position of the end of a message that begins at `begin` [B].
+
+    Positions are counted from the end of the encapsulation header.
+    """
     for name, kind in message.get_fields_and_field_types().items():
         begin = _end_of_field(getattr(message, name), kind, begin)
     return begin

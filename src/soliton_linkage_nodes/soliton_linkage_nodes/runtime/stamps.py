@@ -58,11 +58,12 @@ class Freshness:
 
 
 _DRIFT_TIME = 10.0
-"""Shortest time for an estimate of the drift [s]; 1 ms of jitter then causes errors of 100 ppm."""
+"""Shortest time for an estimate of the drift [s]. After 10 s, a jitter of 1 ms causes an error of
+100 ppm."""
 
 
 class ClockMonitor:
-    """Monitor of the offset of stamps from the clock, for diagnostics only.
+    """Monitor of the offset between the clock and the stamps of messages, for diagnostics only.
 
     The offset is the smallest value of arrival time minus stamp since the last call of `figures`.
     """
@@ -79,7 +80,7 @@ class ClockMonitor:
             self._least, self._latest = behind, now
 
     def figures(self) -> dict[str, float]:
-        """Return offset [s] and drift [ppm] by name; {} without messages since the last call."""
+        """Return the offset [s] and its drift [ppm] by name; {} if there is no new message."""
         if self._least is None:
             return {}
         least, at, self._least = self._least, self._latest, None

@@ -21,7 +21,7 @@ from soliton_linkage_nodes.runtime.interfaces import Topic
 from soliton_linkage_nodes.runtime.sequences import Counts, Lag, SequenceGaps, StreamArbitration
 
 LONGEST_LAG = 0.5
-"""Default of the lag above which a node skips waiting messages [s]."""
+"""Default lag above which a node skips waiting messages [s]."""
 _POLL_PERIOD = 0.5
 """Time between two checks for new publishers [s]."""
 _NAMELESS = '_NODE_NAME_UNKNOWN_'
@@ -54,7 +54,7 @@ class AdaptiveSubscription:
 
     When a publisher with an incompatible quality of service appears, `adapt` replaces the
     subscription. Messages that wait in the old subscription are then lost, unless the argument
-    `before` of `adapt` takes them.
+    `before` of `adapt` takes them first.
     """
 
     def __init__(
@@ -82,12 +82,12 @@ class AdaptiveSubscription:
 
     @property
     def as_requested(self) -> bool:
-        """Whether reliability and durability are as in `topic`, not adapted to publishers."""
+        """Whether reliability and durability are those of `topic`, without an adaptation."""
         return _same_offer(self.qos, self.topic.qos)
 
     @property
     def changed(self) -> bool:
-        """Whether publishers have come or gone since the last query. Needs a GuardedNode."""
+        """Whether publishers have come or gone since the last query. The node is a GuardedNode."""
         changed = False
         for event in self._events:
             with event:
@@ -97,21 +97,21 @@ class AdaptiveSubscription:
         return changed
 
     def waiting(self) -> Iterator[tuple[Any, Info]]:
-        """Yield each waiting message and the information about it, oldest first."""
+        """Yield each waiting message with the information about it, the oldest first."""
         handle = self.subscription.handle
         with handle:
             while (taken := handle.take_message(self.topic.type, self._raw)) is not None:
                 yield taken
 
     def newest(self) -> Any:
-        """Take the oldest waiting message, or None; at queue depth 1, it is also the newest."""
+        """Take the oldest waiting message, or None. At queue depth 1, it is the newest message."""
         message, info = next(self.waiting(), (None, None))
         if info is not None:
             self.sequence = info['publication_sequence_number']
         return message
 
     def adapt(self, before: Callable[[], object] = lambda: None) -> bool:
-        """Subscribe again if the publishers require it; return whether they do.
+        """Subscribe again if the publishers require it, and return whether this was necessary.
 
         `before` is called before the old subscription ends.
         """
@@ -187,7 +187,7 @@ def _same_offer(one: QoSProfile, other: QoSProfile) -> bool:
 
 
 def create_inbox(owner: Node) -> Node:
-    """Create a node for subscriptions whose messages `owner` takes itself, without an executor."""
+    """Create a node for subscriptions without an executor, whose messages `owner` takes itself."""
     return rclpy.create_node(
         f'_{owner.get_name()}_inbox',
         namespace=owner.get_namespace(),
@@ -207,13 +207,13 @@ def subscribe_newest(
 
 
 class StreamSubscription:
-    """Subscription of a node to a stream, whose messages are taken from one publisher at a time.
+    """Subscription of a node to a stream that may have several publishers.
 
     Publishers that send different parts of the stream, such as different joints, are all used. If
     several publishers send the same parts, the first one is used until it becomes silent.
-    Diagnostics state the number of publishers and of lost messages. If messages are at least
-    `longest_lag` [s] later than usual, for longer than this same time, only the newest waiting
-    message is used.
+    Diagnostics state the number of publishers and of lost messages. If the lag has stayed at or
+    above `longest_lag` for more than the time `longest_lag` [s], the node skips all waiting
+    messages except the newest.
     """
 
     def __init__(
@@ -272,7 +272,7 @@ class StreamSubscription:
             self._node.dispatch(self._adaptive.subscription, dispatched)
 
     def take_waiting(self) -> list[Any]:
-        """Take all waiting messages from the queue and return them, the oldest first."""
+        """Take all waiting messages, and return those of the selected publishers, oldest first."""
         kept = [each for each, info in self._adaptive.waiting() if self._keeps(each, info)]
         return [whole for each in kept for whole in self._assemble(each)]
 
@@ -363,7 +363,7 @@ class StreamSubscription:
 
 
 class CountedSubscription:
-    """Subscription to commands of any publisher. Diagnostics state the number of lost messages."""
+    """Subscription to commands from any publisher. Diagnostics state how many were lost."""
 
     def __init__(
         self,
