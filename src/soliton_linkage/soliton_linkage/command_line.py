@@ -42,7 +42,7 @@ class PlainParser(argparse.ArgumentParser):
 
 
 def words_before() -> list[str]:
-    """Return the words between the program name and the word that the shell wants to complete.
+    """Return the words between the program name and the word that the shell completes.
 
     Return an empty list unless the shell requests completion.
     """

@@ -25,24 +25,27 @@ class ElasticSettings(SimulationSettings):
     """Tuning of `ElasticSimulation`."""
 
     longest_step: float = 5.0
-    """Longest step of scipy's solvers, multiplied by `EquationOfMotion.fastest_rate` [1]. DOP853
-    is stable up to 6. Sensitivity: at 0.5x, the computation takes 1.6 times as long with a soliton
-    and twice as long at rest; at 2x, equally long with a soliton and half as long at rest."""
+    """Longest step of scipy's solvers, multiplied by the larger of `fastest_vibration` and
+    `fastest_decay` of the `EquationOfMotion` [1]. DOP853 is stable up to 6. Sensitivity: at 0.5x,
+    the computation takes 1.6 times as long for a moving soliton and twice as long for a chain at
+    rest; at 2x, it takes equally long for a moving soliton and half as long for a chain at rest.
+    """
     symplectic_fraction: float = 0.1
-    """Tolerance of `SymplecticNystrom`, divided by the tolerance of the simulation [1]. For a
-    kicked chain of 12 rotors, the error is then 7e-10 rad, as with DOP853. Sensitivity: with 1,
-    the error is 13 times as large and the steps are 1.4 times as long."""
+    """Tolerance of `SymplecticNystrom`, divided by the tolerance of the simulation [1]. At 0.1,
+    the error for a kicked chain of 12 rotors is 7e-10 rad, the same as with DOP853. Sensitivity:
+    at 1, the error is 13 times as large and the steps are 1.4 times as long."""
     rotors_per_step: int = 400
-    """Largest number of method steps in one solver step of `SymplecticNystrom`, multiplied by the
-    number of rotors [1]. A solver step takes 0.05 to 0.07 ms; between solver steps, the node runs
-    other callbacks. Sensitivity for a chain of 40 rotors: at 0.5x, the computation of a frame
-    takes 20 to 60 % longer; at 2x, it takes 10 to 30 % less, but one solver step takes 0.12 ms."""
+    """Largest number of integration steps in one call of `SymplecticNystrom.step`, multiplied by
+    the number of rotors [1]. A call takes 0.05 to 0.07 ms; the node runs other callbacks between
+    calls. Sensitivity for a chain of 40 rotors: at 0.5x, the computation of a frame takes 20 to 60
+    % longer; at 2x, it takes 10 to 30 % less time, but a call takes 0.12 ms."""
 
 
 class ElasticSimulation(Simulation):
     """Simulation of a chain of springs by integration of an `EquationOfMotion`.
 
-    Raises ValueError for an unknown `integrator`, and for `forces` that it does not support.
+    Raises ValueError for an unknown `integrator`, and for `forces` that the integrator does not
+    support.
     """
 
     _settings = ElasticSettings()
@@ -109,7 +112,8 @@ class ElasticSimulation(Simulation):
 def absolute_tolerances(motion: EquationOfMotion, tolerance: float) -> Array:
     """Return the absolute tolerance of each variable of a solver.
 
-    The error of a step, as a norm over all angles, is then at most `tolerance` [rad].
+    With these tolerances, the norm of the errors of all angles in a step is at most `tolerance`
+    [rad].
     """
     # The solver compares the mean error of all variables with the tolerance. In a long chain
     # most rotors rest and have no error. Without the division by sqrt(N) they would reduce the
@@ -130,6 +134,7 @@ def simulate(
 ) -> Recording:
     """Record the free motion of a chain of springs for `duration` [s], a frame every `period` [s].
 
-    `tolerance` [rad] and the errors are as in `Simulation`. Raises ArithmeticError on failure.
+    `Simulation` describes `tolerance` [rad]. Raises ValueError for invalid arguments, and
+    ArithmeticError if the solver fails.
     """
     return ElasticSimulation(chain, angles, rates, period, tolerance).record(duration)

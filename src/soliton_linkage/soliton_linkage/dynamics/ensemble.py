@@ -29,10 +29,10 @@ Reduction = Callable[[Chain, Recording], Any]
 """Function that computes the result for a chain from a recording of this chain."""
 
 _ROTORS_TOGETHER = 640
-"""Largest number of rotors in one batch of chains, which one core simulates [1]. An ensemble with
-fewer rotors in total therefore uses only one core. Sensitivity for 256 chains of 20 rotors with an
-error of 1e-5 rad: at 0.25x, 0.5x and 2x, the computation takes 1.4, 1.2 and 0.9 times as long;
-with smaller errors, these times differ by less than 15 %."""
+"""Largest number of rotors in one batch of chains [1]. One core simulates a batch, so that an
+ensemble with fewer rotors in total uses only one core. Sensitivity for 256 chains of 20 rotors
+with an error of 1e-5 rad: at 0.25x, 0.5x and 2x, the computation takes 1.4, 1.2 and 0.9 times as
+long; with smaller errors, these times differ by less than 15 %."""
 _EQUAL = ('friction_rate', 'on_site_order', 'on_site_phase')
 """Parameters of force terms that must have the same value in all chains of a batch."""
 _SWITCHES = {
@@ -42,15 +42,19 @@ _SWITCHES = {
     'non_reciprocity': 'non_reciprocities',
     'on_site_torque': 'on_site_torques',
 }
-"""Names of chain parameters whose force term is absent if they are 0, each with the name of the
-`Chain` array that contains its values for all rotors or springs."""
+"""Chain parameters whose force term is absent if the parameter is 0. The value of each entry is
+the name of the `Chain` array that contains this parameter for all rotors or springs."""
 _OF_SPRINGS = {'spacings': [0.0], 'offsets': [0.0], 'rest_lengths': [1e9], 'stiffnesses': [0.0]}
-"""Names of the `Chain` arrays with one value per spring, each with its value for the springs that
-connect two chains in `joined`. Their rest length is so large that they never have the length 0."""
+"""`Chain` arrays with one value per spring. Each entry contains the value of the springs that
+connect two chains in `joined`. The rest length of these springs is so large that their length is
+never 0."""
 
 
 def joined(chains: Sequence[Chain]) -> Chain:
-    """Return a chain of several free chains with equal force terms, joined by springs of 0 N/m."""
+    """Return one chain that consists of several chains, which springs of stiffness 0 connect.
+
+    The given chains have free ends and the same force terms.
+    """
     first = chains[0]
     if len(chains) == 1:
         return first
@@ -87,11 +91,12 @@ def simulate_many(
 
     `chains` is one chain for all initial states in `starts`, or contains one chain for each state.
     `reduce` computes the result from a recording, which contains the initial state and the states
-    at `frames` instants at equal intervals. Chains are simulated while the caller consumes the
+    at `frames` equally spaced later times. Chains are simulated while the caller consumes the
     results. The work is done by threads on all cores, or by `executor`, for example
-    `client.get_executor()` of Dask. The error of each step, as a norm over a chain, is at most
-    `tolerance` [rad]. Successive chains with free ends and the same force terms are simulated in
-    batches. Raises ArithmeticError if a solver fails, and ValueError for chains with feedback.
+    `client.get_executor()` of Dask. In each step of the solver, the norm of the errors of all
+    angles of a chain is at most `tolerance` [rad]. Successive chains with free ends and the same
+    force terms are simulated in batches. Raises ArithmeticError if a solver fails, and ValueError
+    for chains with feedback.
 
     >>> import soliton_linkage as sl
     >>> chains = [sl.Chain(number_of_rotors=8, stiffness=k) for k in (40.0, 50.0)]

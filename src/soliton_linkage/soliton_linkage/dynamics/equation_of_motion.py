@@ -101,7 +101,7 @@ class EquationOfMotion:
 
     @property
     def decay_rates(self) -> Array:
-        """Decay rate c / (M r^2) of each rotor's rate by damping c [1/s], (N,); 0 if fixed."""
+        """Decay rates c / (M r^2) by linear damping c [1/s]; 0 for fixed rotors, shape (N,)."""
         return np.asarray(self.chain.dampings / self.inertias)
 
     @cached_property

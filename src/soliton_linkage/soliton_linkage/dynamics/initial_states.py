@@ -41,11 +41,13 @@ def leaning(chain: Chain, lean: int) -> State:
 def with_soliton(chain: Chain, site: float, velocity: float) -> State:
     """Return a wall of charge +1 at a site coordinate [rotor spacings] with a velocity [m/s].
 
-    The angles are those of `static_wall` with `leg` 0. For a velocity v, the rates are the zero
-    mode times Lambda v / a, where Lambda is the arc length of the zero-energy orbit per rotor
-    spacing a. This state is exact for rigid bars. With springs the wall contracts and radiates, so
-    that its speed decreases: in the example chains by 0.4 to 4 % at 0.2 c and by 3 to 42 % at 0.6
-    c, where c is the speed of sound. Raises the errors of `static_wall`, and ValueError for NaN.
+    `static_wall` computes the angles. For a velocity v, the rates are the zero mode times
+    Lambda v / a, where Lambda is the arc length of the zero-energy orbit per rotor spacing a. In
+    this state, all springs are relaxed and no spring changes its length to first order. In a chain
+    of springs, the moving wall then contracts and radiates phonons, so that its speed decreases.
+    In the example chains, the decrease is 0.4 to 4 % at an initial speed of 0.2 c and 3 to 42 % at
+    0.6 c, where c is the speed of sound. Raises the errors of `static_wall`, and ValueError if the
+    velocity is not finite.
     """
     from soliton_linkage.solitons.static_wall import site_arc, static_wall
 

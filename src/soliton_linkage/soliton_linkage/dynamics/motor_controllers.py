@@ -1,17 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Feedback law of motors: torques from measured angles, which are constant between frames.
+"""Feedback law of the motors, which computes torques from measured angles.
 
-Let q_n be the coordinate of rotor n (see `Chain.signs`) in the frame `delay` frames ago, and q_ref
-the `reference` of `Feedback`. Let v_n be the change of q_n from the previous frame to this frame,
-divided by the time between them. The torque on the coordinate of rotor n is
+The motors apply constant torques from each frame to the next. They use the frame that was measured
+`delay` frames ago. In this frame, q_n is the coordinate of rotor n (see `Chain.signs`). The rate
+v_n is the change of q_n from the frame before to this frame, divided by the time between these two
+frames. With q_ref = `Feedback.reference`, the torque on the coordinate of rotor n is
 
     -K (q_n - q_ref) - D v_n + K_l (q_{n-1} - q_n) + K_r (q_{n+1} - q_n)
     + D_l (v_{n-1} - v_n) + D_r (v_{n+1} - v_n),
 
 with the gains of `Feedback`: K and D for the rotor itself, K_l and D_l for its left neighbour, K_r
 and D_r for its right neighbour. Differences of coordinates are wrapped to the interval from -pi to
-pi. At a free end, the terms of the missing neighbour are omitted. All gains of a motor are
-multiplied by 1 plus its relative deviation of `feedback`. The absolute value of the torque is
+pi. At a free end, the terms of the missing neighbour are omitted. The gains of each motor are
+multiplied by its element of `Chain.feedback_strengths`. The absolute value of the torque is
 limited to `Feedback.limit`. `Simulation` and the node `serial_encoders` compute the same law.
 """
 
@@ -25,7 +26,7 @@ from soliton_linkage.linkage.chain import Array, Chain, wrapped
 
 
 class MotorControllers:
-    """Controllers of the motors of a chain, which receive only the angles in each frame."""
+    """Controllers of the motors of a chain; their input is only the angles in each frame."""
 
     def __init__(self, chain: Chain) -> None:
         self._chain = chain
@@ -34,8 +35,9 @@ class MotorControllers:
     def torques(self, time: float, angles: Array) -> Array:
         """Return the torque of each motor [N m], shape (N,), from this frame to the next.
 
-        `angles` [rad], shape (N,), are measured at `time` [s]. If an angle is missing (NaN), this
-        motor and its neighbours have no torque. All torques are 0 in the first `delay` + 1 frames.
+        `angles` [rad], shape (N,), are measured at `time` [s]. If the angle of a rotor is missing
+        (NaN), the torques of this rotor and of its neighbours are 0. All torques are 0 in the
+        first `delay` + 1 frames.
         """
         self._frames.append((time, angles))
         if len(self._frames) < self._chain.feedback.delay + 2:
@@ -46,7 +48,7 @@ class MotorControllers:
 
 
 def feedback_torques(chain: Chain, angles: Array, rates: Array) -> Array:
-    """Return the torques of the law in the module docstring for a delay of 0 [N m], shape (N,)."""
+    """Return the torques [N m] of the feedback law for given angles and rates, shape (N,)."""
     signs, law, bonds = chain.signs, chain.feedback, chain.number_of_springs
     q, v = signs * angles + (1 - signs) * (np.pi / 2), signs * rates
     of_own = -law.angle * wrapped(q - law.reference) - law.rate * v

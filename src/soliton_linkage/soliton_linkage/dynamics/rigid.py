@@ -24,8 +24,8 @@ from soliton_linkage.linear.statics import gram_matrix_bands, unstretched
 from soliton_linkage.linkage.chain import Array, Chain
 
 _FLUSHED = -1100
-"""Least binary exponent of a component of the zero mode, relative to the largest component [1].
-Smaller exponents are replaced by this one, for which the component underflows to 0."""
+"""Smallest binary exponent of a component of the zero mode, minus the exponent of the largest
+component [1]. Smaller exponents are set to this value, at which the component underflows to 0."""
 
 
 @dataclass(frozen=True)
@@ -33,14 +33,17 @@ class RigidSettings(SimulationSettings):
     """Tuning of `RigidSimulation`."""
 
     max_bar_error: float = 1e-6
-    """Initial states with a larger relative error of the length of a bar are rejected [1]."""
+    """Largest allowed relative error of the length of a bar in an initial state [1]."""
     jammed: float = 1e-5
-    """If the smallest singular value of the rigidity matrix is below this times r [1], the error
-    message of a failed step reports jammed bars."""
+    """Threshold of jammed bars, as a fraction of r [1]. If a solver step fails while the smallest
+    singular value of the rigidity matrix is below this threshold, the error message reports that
+    the bars jam."""
     longest_step: float = 100.0
-    """Longest solver step, divided by the frame period [1]. Sensitivity: none at 0.5x or 2x."""
+    """Longest solver step, divided by the frame period [1]. Sensitivity: 0.5x and 2x have no
+    effect."""
     max_corrections: int = 3
-    """Largest number of energy corrections after a step [1]. Sensitivity: none with 1 or 6."""
+    """Largest number of energy corrections after a step [1]. Sensitivity: 1 and 6 have the same
+    effect as 3."""
 
 
 class RigidSimulation(Simulation):
@@ -48,7 +51,8 @@ class RigidSimulation(Simulation):
 
     Rates and impulses are projected onto the zero mode. After each step, corrections make the bar
     lengths and the energy exact. Raises ValueError for fixed rotors, for periodic ends, and for
-    initial angles that the bars do not allow, and later ArithmeticError if the bars jam.
+    initial angles that the bars do not allow. Raises ArithmeticError if the bars jam during the
+    motion.
     """
 
     _settings = RigidSettings()
@@ -57,9 +61,10 @@ class RigidSimulation(Simulation):
     def link_torques(self) -> Array:
         """Torque of the bars on each rotor in the current frame [N m], shape (N,).
 
-        It is R^T s with the rigidity matrix R. The bar forces s are the solution of R I^-1 R^T s =
-        -(l_ddot + R I^-1 torques), where l_ddot are the second derivatives of the lengths for
-        phi_ddot = 0. Raises LinAlgError, which is a ValueError, if the bars are jammed.
+        The result is R^T s with the rigidity matrix R. The bar forces s are the solution of
+        R I^-1 R^T s = -(l_ddot + R I^-1 tau), where tau are the other torques on the rotors, and
+        l_ddot are the second derivatives of the bar lengths for phi_ddot = 0. Raises LinAlgError,
+        which is a ValueError, if the bars are jammed.
         """
         chain, angles, rates = self.chain, self.angles, self.rates
         first, second = rigidity_bands(chain, angles)
@@ -136,7 +141,7 @@ class RigidSimulation(Simulation):
         self._solver.f = self._solver.fun(self._solver.t, state)
 
     def _corrected(self, state: Array) -> tuple[Array, float, float]:
-        """Return angles, speed and dissipated energy with exact bar lengths and energy balance.
+        """Return angles, speed and dissipated energy of a state; correct bar lengths and energy.
 
         To correct the energy, angles and speed are changed along the gradient of the energy, (-t^T
         torques, s). This also works at turning points, where the speed s is 0.

@@ -29,18 +29,19 @@ class SimulationSettings:
     """Tuning of every simulation."""
 
     max_steps: int = 1000
-    """Largest number of solver steps per frame, divided by 1 + `period` / `Chain.time_unit`."""
+    """Largest number of solver steps per frame, divided by 1 + period / T [1]. T is the smaller of
+    `Chain.time_unit` and the longest solver step."""
 
 
 class Simulation(ABC):
     """Simulation of a chain with gravity, applied torques, kicks and the chain's own force terms.
 
-    Frame k is the state at the time k * `period` [s] after the start. Kicks, torques and changes
-    of gravity act from the current frame on. The torques of `Chain.feedback` are computed at each
-    frame and are constant until the next frame. In each solver step, the error of the angles, as a
-    norm over all rotors, is at most `tolerance` [rad], and the error of the rates is at most
-    `tolerance` / `chain.time_unit`. `kicks` is the number of kicks so far, and `kick_work` their
-    work [J].
+    Frame k is the state at the time k * `period` [s] after the start. A kick, a new torque or a
+    change of gravity takes effect at the current frame. The torques of `Chain.feedback` are
+    computed at each frame and are constant until the next frame. In each solver step, the norm of
+    the errors of all angles is at most `tolerance` [rad], and the norm of the errors of all rates
+    is at most `tolerance` / `chain.time_unit`. `kicks` is the number of kicks so far, and
+    `kick_work` is their total work [J].
 
     The simulation starts from `angles` [rad] and `rates` [rad/s], by default from rest. Rotors in
     `fixed` do not turn. `forces` contains additional terms of the equation of motion, or functions
@@ -120,12 +121,16 @@ class Simulation(ABC):
 
     @property
     def dissipated(self) -> float:
-        """Energy dissipated since the start [J]; negative if motors have added more energy."""
+        """Energy dissipated since the start minus energy that the motors have added [J]."""
         return self._dissipated_before + self._dissipated_at(self.angles, self._dissipated)
 
     @property
     def energy_drift(self) -> float:
-        """Relative energy error: (energy - initial - work + dissipated) / largest energy [1]."""
+        """Relative error of the energy balance [1].
+
+        The error is energy - initial energy - work + dissipated energy, divided by the largest
+        energy that has occurred.
+        """
         change = self.motion.external_energy(self.angles) - self._external_at_start
         self._largest_energy = max(self._largest_energy, self._motion_and_springs(), abs(change))
         expected = self._work + self._work_of_torques(self.angles) - self.dissipated
@@ -151,7 +156,7 @@ class Simulation(ABC):
         self._restart()
 
     def hold(self, torques: Array) -> None:
-        """Apply constant torques [N m], shape (N,), from the current frame to the next `hold`."""
+        """Apply constant torques [N m], shape (N,), from now until the next call of `hold`."""
         checked = self.chain.check_angles(torques, 'torque')
         if np.array_equal(checked, self.torques):
             return
@@ -168,7 +173,7 @@ class Simulation(ABC):
             self._restart_with(before)
 
     def set_non_reciprocity(self, value: float) -> None:
-        """Change the non-reciprocity [N m/rad] at the current frame; the change counts as work."""
+        """Change the non-reciprocity [N m/rad] of all bonds at the current frame."""
         if value != self.chain.non_reciprocity:
             before = self.energy
             self.chain = replace(self.chain, non_reciprocity=value)
@@ -176,7 +181,7 @@ class Simulation(ABC):
 
     @property
     def steps_per_frame(self) -> float:
-        """Solver steps per frame if all have the longest allowed length [1]; 0 after a restart."""
+        """Frame period divided by the longest solver step [1]; 0 if no step has been taken."""
         return 0.0 if self._stale else self.period / self._longest_step
 
     @property
@@ -242,11 +247,11 @@ class Simulation(ABC):
 
     @abstractmethod
     def _allowed(self, angles: Array, rates: Array) -> tuple[Array, Array]:
-        """Return the nearest angles and rates that springs or bars allow; ValueError if none."""
+        """Return the nearest allowed angles and rates; raise ValueError if there are none."""
 
     @abstractmethod
     def _packed(self) -> Array:
-        """Return the solver state of the current frame, in which the dissipated energy is 0."""
+        """Return the solver state of the current frame, with the dissipated energy set to 0."""
 
     @abstractmethod
     def _unpacked(self, state: Array) -> tuple[Array, Array, float]:
@@ -287,7 +292,7 @@ class Simulation(ABC):
         return float(self.torques @ (angles - self._held_from))
 
     def _dissipated_at(self, angles: Array, dissipated: float) -> float:
-        """Return `dissipated` [J] minus the work of the feedback torques since the restart [J]."""
+        """Return `dissipated` minus the work of the feedback torques since the restart [J]."""
         return dissipated - float(self.feedback_torques @ (angles - self._feedback_from))
 
     def _feedback(self) -> Array:

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Terms of the equation of motion; each of them adds a torque to every rotor.
 
-To add a term with a compiled kernel, write a subclass of `CompiledTerm`, the kernel, and a line in
-`sum_terms`. A Python function `f(time, angles, rates) -> torques` is a term for scipy's solvers
-only.
+A kernel is a compiled loop that computes the torques of a term. To add a term with a kernel, write
+a subclass of `CompiledTerm` and the kernel, and call the kernel in `sum_terms`. A Python function
+`f(time, angles, rates) -> torques` is also a term, but only scipy's solvers accept it.
 
-A kernel reads angles, rates, cosines and sines from rows of `work`, shape (rows, P + VECTOR), and
-adds torques [N m] to the row TORQUES. The N rotors are padded with zeros to P, a multiple of
-VECTOR. A kernel uses indices, because views of rows are slow: numba counts references to them.
+A kernel reads angles, rates, cosines and sines from rows of the array `work`, shape
+(rows, P + VECTOR), and adds torques [N m] to the row TORQUES. P is the number of rotors N rounded
+up to a multiple of VECTOR; elements from N on are zeros. A kernel uses indices instead of views of
+rows, because numba counts the references to views, which is slow.
 """
 
 from __future__ import annotations
@@ -42,7 +43,8 @@ VECTOR = 8
 
 ANGLES, RATES, COSINES, SINES, TORQUES, TORQUES_ON_RIGHT, ACTIVE = range(7)
 """Indices of the rows of `work`. Element n + 1 of TORQUES_ON_RIGHT is the torque that spring n
-exerts on its right rotor, n + 1. ACTIVE contains the active terms, which TORQUES includes."""
+exerts on its right rotor, n + 1. ACTIVE contains the torques of the active terms (see
+`Term.active`); TORQUES includes these torques."""
 
 SPRINGS, GRAVITY, CONSTANT, LINEAR_DAMPING, DRY_FRICTION = range(5)
 QUADRATIC_DAMPING, ON_SITE, NON_RECIPROCAL = range(5, 8)
@@ -55,12 +57,12 @@ class Term(ABC):
     dissipative = False
     """Whether the energy that the term removes counts as dissipated energy."""
     active = False
-    """Whether the torques depend on the angles, but have no potential energy. The energy that
-    these torques remove counts as dissipated energy."""
+    """Whether the torques of the term depend on the angles, but have no potential energy. The
+    energy that these torques remove counts as dissipated energy."""
 
     @abstractmethod
     def add(self, torques: Array, time: float, angles: Array, rates: Array) -> float:
-        """Add the torque on each rotor [N m] at a time [s]; return the dissipated power [W]."""
+        """Add the torques of the term [N m] to `torques`; return the dissipated power [W]."""
 
     def energy(self, angles: Array) -> float:
         """Return the potential energy [J], or 0 for a term without a potential energy."""
@@ -69,14 +71,17 @@ class Term(ABC):
 
 
 class CompiledTerm(Term):
-    """Term with a compiled kernel, which reads the rates if dissipative, otherwise the angles."""
+    """Term with a compiled kernel.
+
+    The kernel reads the rates if the term is dissipative, otherwise the angles.
+    """
 
     kind: int
 
     def __init__(self, *rows: Array) -> None:
         self.rows = np.array(rows)
-        """Parameters of the kernel, (parameters, N), or (parameters, 1) if all rotors are equal.
-        """
+        """Parameters of the kernel, shape (parameters, N), or (parameters, 1) if the values of all
+        rotors are equal."""
 
     def add(self, torques: Array, time: float, angles: Array, rates: Array) -> float:
         """Add the torques of the kernel; return the dissipated power [W]."""
@@ -165,9 +170,9 @@ class QuadraticDamping(CompiledTerm):
 class OnSitePotential(CompiledTerm):
     """Torques of a potential that is periodic in each angle, as in the Frenkel-Kontorova model.
 
-    The potential is V = sum_n (A_n / m) [1 - cos(m (q_n - q_0))], where A_n is the largest torque,
-    m the order and q_0 the phase of the on-site potential. The coordinate of a rotor is
-    q = s phi + (1 - s) pi / 2 with s = `Chain.signs`.
+    The potential is V = sum_n (A_n / m) [1 - cos(m (q_n - q_0))], with
+    A = `Chain.on_site_torques`, m = `Chain.on_site_order` and q_0 = `Chain.on_site_phase`. The
+    coordinate of a rotor is q = s phi + (1 - s) pi / 2 with s = `Chain.signs`.
     """
 
     kind = ON_SITE
@@ -186,11 +191,11 @@ class OnSitePotential(CompiledTerm):
 class NonReciprocal(CompiledTerm):
     """Torques of motors that break reciprocity: the same torque on both rotors of a bond.
 
-    With the coordinates q of `OnSitePotential`, the motors of a bond apply the torque kappa (q_n -
-    q_{n+1}) to both q_n and q_{n+1}. The difference is wrapped to the range from -pi to pi. In
-    terms of the angles, with D = phi_n + sigma phi_{n+1} - (1 + sigma) pi / 2 and sigma = 1 for
-    flippers, -1 for spinners, the torques are kappa D on rotor n and -sigma kappa D on rotor
-    n + 1. Source: Brandenbourger et al., Nature Communications 10, 4608 (2019).
+    The motors of a bond apply the torque kappa (q_n - q_{n+1}) to the coordinates q_n and q_{n+1},
+    which `OnSitePotential` defines. The difference is wrapped to the range from -pi to pi. In
+    terms of the angles, let sigma be 1 for flippers and -1 for spinners, and
+    D = phi_n + sigma phi_{n+1} - (1 + sigma) pi / 2. The torques are kappa D on rotor n and -sigma
+    kappa D on rotor n + 1. Source: Brandenbourger et al., Nature Communications 10, 4608 (2019).
     """
 
     kind, active = NON_RECIPROCAL, True
@@ -242,7 +247,7 @@ class TermTable(NamedTuple):
 
 
 def term_table(terms: Sequence[CompiledTerm], rotors: int) -> TermTable:
-    """Return the table of the given terms for a chain with a number of rotors."""
+    """Return the table of the given terms for a chain of `rotors` rotors."""
     kinds, first = np.empty((len(terms), 2), dtype=np.int64), 0
     parameters = np.zeros((sum(len(term.rows) for term in terms), padded_size(rotors)))
     for index, term in enumerate(terms):
@@ -266,7 +271,7 @@ def padded_size(rotors: int) -> int:
 def sum_terms(work: Array, rotors: int, kinds: NDArray[np.int64], parameters: Array) -> float:
     """Set the torques in `work` to the sum of all terms; return the dissipated power [W].
 
-    If there are springs, they must be the first term. Terms with `Term.active` must be the last.
+    The term of the springs, if there is one, must be the first, and active terms must be the last.
     """
     prefer_wide_vectors()
     power, start = 0.0, 0
@@ -313,7 +318,7 @@ def _inverse_root_estimate(w: float) -> float:
 
 @inlined
 def tension(w: float) -> float:
-    """Return 1 - 1 / sqrt(w): the force of a spring divided by k l, for l = lbar sqrt(w).
+    """Return 1 - 1 / sqrt(w): the force of a spring of length l = lbar sqrt(w), divided by k_e l.
 
     With an estimate y of 1 / sqrt(w) and d = 1 - w y^2, the series y (1 + d / 2 + 3 d^2 / 8)
     equals 1 / sqrt(w) in double precision. A division and a square root would take twice as long.
@@ -334,7 +339,8 @@ def _set_springs(work: Array, rotors: int, rows: Array, first: int) -> None:
         torque on the left  = (1 - 1 / sqrt(w)) [lever c - cross (s c' - c s')],
         torque on the right = (1 - 1 / sqrt(w)) [cross (s c' - c s') - lever' c'].
 
-    The last spring joins the last rotor to the first; with free ends, its levers are 0.
+    The last spring joins the last rotor to the first. With free ends, the levers of this spring
+    are 0.
     """
     prefer_wide_vectors()
     work[COSINES, rotors], work[SINES, rotors] = work[COSINES, 0], work[SINES, 0]

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Work of impulses and torques on a chain.
 
-Constant torques tau do the work tau^T (phi(t_1) - phi(t_0)) from t_0 to t_1, whatever the motion.
+Constant torques tau do the work tau^T (phi(t_1) - phi(t_0)) from t_0 to t_1, for any motion.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ from soliton_linkage.linkage.chain import Array, Chain
 def work_of_impulse(chain: Chain, rates: Array, impulses: Array) -> float:
     """Return the work [J] of impulses J [N m s], shape (N,), on the rotors of a chain of springs.
 
-    With the rates phi_dot [rad/s] and the moments of inertia I, it is J^T (phi_dot + J / (2 I)).
+    The work is J^T (phi_dot + J / (2 I)) for the rates phi_dot [rad/s] before the impulses and the
+    moments of inertia I.
     """
     return float(impulses @ (rates + impulses / (2 * chain.moments_of_inertia)))
 

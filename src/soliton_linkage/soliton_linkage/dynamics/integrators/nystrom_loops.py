@@ -2,7 +2,8 @@
 """Compiled loops of `symplectic_nystrom`; the docstring of that module contains the equations.
 
 Polynomials approximate cosine and sine of the rotation in a drift, so that the compiler can
-vectorise all loops. The array `work` has the rows of the module `terms`, then the rows below.
+vectorise all loops. The module `terms` defines the first rows of the array `work`, and this module
+defines the other rows.
 """
 
 from __future__ import annotations
@@ -32,14 +33,16 @@ Numbers = NDArray[np.int64]
 TURNS, RATES_BEFORE, MEAN_OF_TURN, MEAN, SAVED = range(7, 12)
 """Rows of `work`. TURNS is the rotation of each rotor in a drift [rad]. In a drift with nonlinear
 damping, RATES_BEFORE contains the rates before the drift [rad/s], and MEAN and MEAN_OF_TURN
-contain weighted means of the acceleration that give the change of the rates and the rotation
-[rad/s^2]. SAVED is the first of four rows with a copy of the rows ANGLES to SINES."""
+contain weighted means of the acceleration [rad/s^2]. MEAN determines the change of the rates, and
+MEAN_OF_TURN determines the rotation. SAVED is the first of four rows with a copy of the rows
+ANGLES to SINES."""
 
 WORK_ROWS = SAVED + 4
 """Number of rows of `work`."""
 
 LARGEST_TURN = 0.5
-"""Largest rotation in a drift [rad]; up to it, the series in `turned` are exact up to rounding."""
+"""Largest rotation in a drift [rad]. For smaller rotations, the series in `turned` have only
+rounding errors."""
 
 
 class Forces(NamedTuple):
@@ -54,7 +57,7 @@ class Forces(NamedTuple):
     inverse_inertias: Array
     """1 / (M r^2) of each rotor [1/(kg m^2)], 0 for fixed rotors and padding, shape (P,)."""
     half_inertias: Array
-    """M r^2 / 2 of each rotor [kg m^2], (P,), or (0,) without damping and active terms."""
+    """M r^2 / 2 of each rotor [kg m^2], (P,), or (0,) if there are no damping and active terms."""
     active: bool
     """Whether there is an active term (see `Term.active`), which is the last one in `kinds`."""
 
@@ -76,7 +79,8 @@ class Step(NamedTuple):
 class Checks(NamedTuple):
     """Tolerances, and indices of the steps whose error is measured.
 
-    The error of a step is the root mean square of errors of y / (absolute + relative abs(y)).
+    The error of a step is the root mean square, over all variables y, of the error of y divided by
+    absolute + relative abs(y).
     """
 
     absolute: Array
@@ -88,7 +92,8 @@ class Checks(NamedTuple):
 
 
 Fields = tuple[Any, ...]
-"""Fields of a named tuple in a plain tuple, which numba converts three times as fast."""
+"""Plain tuple with the fields of a named tuple. As an argument of a compiled loop, numba converts
+a plain tuple three times as fast as a named tuple."""
 
 
 @inlined
@@ -136,7 +141,10 @@ def decay(work: Array, forces: Forces, decays: Array, stage: int) -> float:
 
 @inlined
 def damp(work: Array, rotors: int, forces: Forces, time: float) -> float:
-    """Apply damping of any kind in a drift of `time` [s] by a Runge-Kutta step; see `decay`."""
+    """Apply damping of any kind in a drift of `time` [s] by a Runge-Kutta step.
+
+    Set RATES and TURNS, and return the dissipated energy [J].
+    """
     size = forces.half_inertias.size
     for n in range(size):
         work[RATES_BEFORE, n] = work[RATES, n]
@@ -212,7 +220,7 @@ def copy_state(source: Array, target: Array) -> None:
 
 @inlined
 def scaled_difference(before: Array, whole: Array, halves: Array, checks: Checks) -> float:
-    """Return the error of a step [1], from the states before, after it, and after two halves."""
+    """Return the error of a step [1] from the states before it, after it and after two halves."""
     squares = 0.0
     for n in range(whole.size):
         size = max(abs(before[n]), abs(halves[n]))
@@ -316,7 +324,10 @@ def load(work: Array, state: Array, circular: Array) -> None:
 def put_knot(
     work: Array, forces: Forces, state: Array, unit: float, knots: Array, knot: int
 ) -> None:
-    """Store angles, dissipated energy, and two derivatives by the time / `unit` [s] at a knot."""
+    """Store angles, dissipated energy, and their first two derivatives, at a knot.
+
+    The derivatives are with respect to the time divided by `unit` [s].
+    """
     never_inlined()
     rotors, first = state.size // 2, 3 * knot
     active_before = sum_terms(work, rotors, forces.kinds, forces.parameters)
@@ -346,7 +357,10 @@ def put_knot(
 
 @inlined
 def fit(knots: Array) -> None:
-    """Replace value, slope and curvature at x = -1, 0 and 1 by the coefficients of x^0 to x^8."""
+    """Fit a polynomial of degree 8 to values and two derivatives at x = -1, 0 and 1.
+
+    The coefficients of x^0 to x^8 replace these values and derivatives.
+    """
     for n in range(knots.shape[1]):
         value, slope, curvature = knots[3, n], knots[4, n], knots[5, n]
         before, after = knots[0, n] - value, knots[6, n] - value
@@ -367,7 +381,7 @@ def fit(knots: Array) -> None:
 
 @inlined
 def evaluate(knots: Array, rotors: int, x: float, unit: float, output: Array) -> None:
-    """Put the state at the time x `unit` [s] after the middle of the step into `output`."""
+    """Write the state at the time x * `unit` [s] after the middle of the step into `output`."""
     prefer_wide_vectors()
     for n in range(knots.shape[1]):
         value = slope = 0.0

@@ -8,14 +8,15 @@ drifts and kicks,
 
     drift(a_15 h) kick(b_14 h) drift(a_14 h) ... kick(b_1 h) drift(a_1 h).
 
-A kick applies the torques that depend on the angles, and a drift those that depend on the rates.
-With linear damping c and gamma = c / (M r^2), a drift is the exact solution without other torques,
+A kick changes the rates by the torques that depend on the angles. A drift changes the angles, and
+applies the torques that depend on the rates. With linear damping c and gamma = c / (M r^2), a
+drift of duration t is the exact motion without other torques,
 
     phi_dot(t) = phi_dot e^(-gamma t),    phi(t) = phi + phi_dot (1 - e^(-gamma t)) / gamma.
 
 With damping of another kind, a drift is a Runge-Kutta step of order 4. Without damping a step is
 symplectic and reversible. With linear damping, a step reduces volumes in phase space exactly as
-the motion does. Therefore the sum of energy and dissipated energy has no trend.
+the motion does. In both cases, the sum of energy and dissipated energy has no trend.
 
 The coefficients belong to the method SRKN_14^a of order 6 for systems with a quadratic kinetic
 energy. Source: Blanes and Moan, Journal of Computational and Applied Mathematics 142 (2002) 313.
@@ -55,8 +56,9 @@ from soliton_linkage.linkage.chain import Array, Chain
 ORDER = 6
 """Order of the method: the error of a step of length h is proportional to h^7."""
 STABLE_STEP = 3.14
-"""Longest stable step, multiplied by the angular frequency of the fastest vibration [1]. Slightly
-above pi, vibrations grow by less than 0.1 % per step, and above 6.15 without limit."""
+"""Longest stable step, multiplied by the angular frequency of the fastest vibration [1]. With a
+value slightly above pi, vibrations grow by less than 0.1 % per step; above 6.15, they grow without
+limit."""
 
 _HALF_OF_DRIFTS = (
     0.0378593198406116,
@@ -97,27 +99,30 @@ class SolverSettings:
     rotors [1]. Sensitivity: at 0.5x or 2x, the solver is 10 % slower."""
     safety: float = 0.8
     """Largest allowed rotation of the fastest rotor in the longest drift, as a fraction of
-    LARGEST_TURN [1]. Sensitivity: at 0.5x, 60 % more force evaluations if a rotor spins fast; with
-    1, a rotor that accelerates within the step stops the integration."""
+    LARGEST_TURN [1]. Sensitivity: at 0.5x, the solver needs 60 % more force evaluations if a rotor
+    spins fast; at 1, a rotor that accelerates within the step stops the integration."""
     aim: float = 0.3
     """Expected error with a new step length, divided by the tolerance [1]. Sensitivity: at 0.5x,
-    10 % more force evaluations and half the error; at 2x, 10 % fewer and twice the error."""
+    the solver needs 10 % more force evaluations and has half the error; at 2x, it needs 10 % fewer
+    and has twice the error."""
     min_growth: float = 1.25
     """The step length increases only if the measured error allows a length that is larger by this
     factor [1]. Sensitivity: with 1.13 or 1.5, the number of force evaluations changes by 6 %."""
     max_shrinkage: float = 0.95
-    """The first step length is shortened if the measured error suggests a length below this
-    fraction of it [1]. Sensitivity: no effect from 0.9 to 0.975."""
+    """The first step length is shortened if the measured error suggests a length that is less than
+    this fraction of the first length [1]. Sensitivity: no effect from 0.9 to 0.975."""
     measured_every: int = 32
-    """Number of steps from one error measurement to the next [1]. Sensitivity: at 0.5x, 6 % more
-    force evaluations; at 2x, 3 % fewer."""
+    """Number of steps from one error measurement to the next [1]. Sensitivity: at 0.5x, the solver
+    needs 6 % more force evaluations; at 2x, it needs 3 % fewer."""
     violent: float = 0.2
     """The error of each step is measured if the kinetic energy of a rotor exceeds this fraction of
-    the energy that compresses a spring to length 0 [1]. A spring that becomes short changes its
-    torques within one step. Sensitivity: from 0.01 to 1, the same errors in such motions; at 0.5x,
-    5 % more force evaluations for a wall that was kicked with 30 rad/s."""
+    the energy that compresses a spring to length 0 [1]. The reason is that the torques of a very
+    short spring change much within one step. Sensitivity: from 0.01 to 1, the errors of such
+    motions do not change; at 0.5x, the solver needs 5 % more force evaluations for a wall that was
+    kicked with 30 rad/s."""
     steps_until_exact: int = 1000
-    """Number of steps after which cosines and sines are computed exactly again [1]."""
+    """Number of steps after which cosines and sines are computed from the angles again [1],
+    because their rounding errors increase with each step."""
     shortest: float = 1e-6
     """The solver fails if the step is below this fraction of the longest stable step [1]."""
     trials: int = 60
@@ -130,8 +135,9 @@ DEFAULTS = SolverSettings()
 def steps_to_measure(taken: int, count: int, every: int) -> Numbers:
     """Return the indices of the steps, among the next `count`, whose error is measured.
 
-    Counted from the last change of the step length, `taken` steps ago, they are the steps 1, 4 and
-    16 and all multiples of `every`. The next step has the index 1.
+    The step length last changed `taken` steps ago. Counted from this change, the error is measured
+    in the steps 1, 4 and 16, and in all multiples of `every`. The returned indices count from now
+    on, so that the next step has the index 1.
     """
     regular = np.arange(every - taken % every, count + 1, every)
     early = [step for step in (1, 4, 16) if taken < step <= taken + count]
@@ -139,7 +145,7 @@ def steps_to_measure(taken: int, count: int, every: int) -> Numbers:
 
 
 class NystromSteps:
-    """Runge-Kutta-Nystrom steps of an `EquationOfMotion` with only terms of `CompiledTerm`."""
+    """Runge-Kutta-Nystrom steps of an `EquationOfMotion` whose terms are all compiled."""
 
     def __init__(self, motion: EquationOfMotion, settings: SolverSettings = DEFAULTS) -> None:
         self._motion = motion
@@ -167,8 +173,8 @@ class NystromSteps:
     ) -> tuple[Array, float]:
         """Take up to `count` steps of `length` [s]; return all states and the largest error.
 
-        `Checks` defines the error of a step, the scaled difference between the step and two half
-        steps. The states have the shape (steps taken + 1, len(state)). They end before a step
+        The error of a step is the difference between the step and two half steps, scaled as in
+        `Checks`. The states have the shape (steps taken + 1, len(state)). They end before a step
         whose error exceeds 1, or in which a drift rotates a rotor by more than LARGEST_TURN.
         """
         rotors = self._motion.rotors
@@ -233,20 +239,21 @@ def zeros_in_line(rows: int, columns: int) -> Array:
 class SymplecticNystrom(OdeSolver):
     """Symplectic Runge-Kutta-Nystrom method of order 6 for `EquationOfMotion`.
 
-    The solver chooses a step length for which the error of a step, in the norm of scipy's solvers,
-    is below atol + rtol abs(y). The solver keeps this length as long as possible, because the
-    energy error is bounded only while the length is constant. The error is the difference between
-    a step and two half steps. Steps whose error is too large are repeated with a shorter length.
-    If the error is far below the tolerance, the length increases.
+    The error of a step is the difference between the step and two half steps. The solver chooses a
+    step length for which this error, in the norm of scipy's solvers, is below atol + rtol abs(y).
+    The solver keeps this length as long as possible, because the energy error is bounded only
+    while the length is constant. Steps whose error is too large are repeated with a shorter
+    length. If the error is far below the tolerance, the length increases.
 
-    `length` is the length of a method step [s], and `together` the largest number of method steps
-    in one solver step (a call of `step`). Raises TypeError if `fun` is not an `EquationOfMotion`,
-    and ValueError if its `forces` contain Python functions, if `y0` has another size, or if an
-    option is out of range.
+    `length` is the length of a step of the method [s]. One call of `step` takes up to `together`
+    steps of the method. Raises TypeError if `fun` is not an `EquationOfMotion`, and ValueError if
+    its `forces` contain Python functions, if `y0` has the wrong size, or if an option is out of
+    range.
     """
 
     _tried = 4
-    """Number of steps, with a measured last one, after which the first length is accepted [1]."""
+    """Number of steps after which the first step length is accepted [1]. The error of the last of
+    these steps is measured."""
 
     n: int
     t: float
@@ -314,7 +321,7 @@ class SymplecticNystrom(OdeSolver):
 
     @classmethod
     def load(cls) -> None:
-        """Compile or load all loops by taking two steps; later simulations start at once."""
+        """Compile or load all loops by taking two steps, so that later simulations start fast."""
         motion = EquationOfMotion(Chain(number_of_rotors=2))
         few_rows = SolverSettings(rotors_per_call=1)
         solver = cls(motion, 0.0, np.zeros(4), math.inf, settings=few_rows)
