@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Least-squares estimate of the lengths and encoder offsets with which all bonds close.
 
-A bond closes if the ends of its two rotors are one rest length apart. A bond stops walls if its
-lengths are beyond one of two limits (see `_room`).
+A bond closes if the distance between the ends of its two rotors is its rest length; otherwise, the
+difference is the misclosure of the bond. A wall cannot pass a bond whose lengths violate one of
+two limits (see `_room`).
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ _NOISE_OF_COST = 1.0
 """A step is accepted if it increases -2 log likelihood by less than this [1], because the
 linearisation of the misclosures causes errors of this size."""
 _CONVERGED = 0.05
-"""The iteration ends after a step whose Mahalanobis length is smaller than this [1]."""
+"""The iteration has converged if the Mahalanobis length of a step is smaller than this [1]."""
 _TOLERANCE_CHANGE = 0.05
 """The iteration continues while a step changes a tolerance by more than this fraction [1]."""
 
@@ -48,7 +49,7 @@ class Adjustment:
     covariance: Array
     """Covariance of the P unknowns of `lengths`, (P, P); the mean spacing has no variance."""
     information: Array
-    """Fisher information of the readings (not of the prior) about the same unknowns, (P, P)."""
+    """Fisher information of the readings (not of the prior) about the P unknowns, (P, P)."""
     tolerances: Tolerances
     noise: float
     """Standard deviation of a reading [rad], computed from the misclosures of all bonds."""
@@ -74,8 +75,8 @@ def adjust(
     `tolerance` is the prior standard deviation of log lengths [1]; if None, it is estimated.
 
     A bond that is nearly collinear with a rotor closes in two different configurations, and the
-    iteration may have followed the wrong one. Therefore the configurations of all frames are
-    computed again after convergence, and the iteration continues if they fit better.
+    iteration may follow the wrong one. Therefore, after convergence, the configurations of all
+    frames are computed again from the readings. If they fit better, the iteration continues.
     """
     for _ in range(_RESTARTS):
         found = _adjust_once(readings, start, tolerance, relative_deviations)
@@ -145,7 +146,7 @@ def _cost(bundle: Bundle, prior: Array, noise: float) -> float:
 
 
 def observable_basis(lengths: Lengths) -> Array:
-    """Return an orthonormal basis, (P, P - 1), of changes that keep the mean spacing."""
+    """Return an orthonormal basis of the changes that keep the mean spacing, (P, P - 1)."""
     size = UNKNOWNS_PER_ROTOR * lengths.rotors - 2
     scale = np.zeros((size, 1))
     split(scale[:, 0])[2][:] = lengths.spacings
@@ -175,10 +176,10 @@ def _covariance(bundle: Bundle, basis: Array, tolerances: Tolerances) -> tuple[f
 
 
 _CHANCE = 3.0
-"""A bond is reported if it is closer than this to a limit, and corrected if it is beyond a limit
-by less than this [standard deviations]."""
+"""Threshold of the distance of a bond from a limit [standard deviations]. A bond is reported if it
+is closer to the limit; it is corrected if it violates the limit by a smaller distance."""
 _MARGIN = 1e-3
-"""A correction leaves a distance of this times the spacing of the bond to the limit [1]."""
+"""After a correction, the distance of a bond from the limit is this times its spacing [1]."""
 _ROUNDS = 5
 """Largest number of rounds of corrections [1]; a correction may violate another limit."""
 
@@ -187,9 +188,9 @@ def passable(lengths: Lengths, covariance: Array) -> Lengths:
     """Return the most likely lengths with which no bond stops a wall (see `solitons.passage`).
 
     The correction of the unknowns p is dp = C G^T (G C G^T)^-1 s, with their covariance C, (P, P).
-    For each bond beyond a limit, s contains by how much its distance (see `_room`) is too small,
-    and G contains the derivatives of this distance by p. A bond so far beyond a limit that noise
-    cannot be the cause is not corrected.
+    For each bond that violates a limit, s contains the correction of its distance (see `_room`)
+    that is necessary, and G contains the derivatives of this distance by p. If a bond violates a
+    limit by so much that noise cannot be the cause, it is not corrected.
     """
     for _ in range(_ROUNDS):
         room, slopes = _room(lengths)
@@ -207,7 +208,7 @@ def passable(lengths: Lengths, covariance: Array) -> Lengths:
 
 
 def near_limit_bonds(lengths: Lengths, covariance: Array) -> dict[int, float]:
-    """Return, for each bond near a limit, the probability that it is beyond the limit [1]."""
+    """Return, for each bond near a limit, the probability that it violates the limit [1]."""
     room, slopes = _room(lengths)
     distances = (room / _deviations(slopes, covariance)).reshape(2, -1).min(axis=0)
     near = np.flatnonzero((distances > 0) & (distances < _CHANCE))
@@ -223,8 +224,8 @@ def _room(lengths: Lengths) -> tuple[Array, Array]:
 
     For a bond with the rest length l, the spacing a and the rotor lengths r_n and r_(n+1), the
     distances are l - a - |r_n - r_(n+1)| and a + l - r_n - r_(n+1). If the second distance is
-    negative for most bonds, as in spinners, its sign is reversed for all bonds. A bond with a
-    negative distance is beyond the limit.
+    negative for most bonds, as in spinners, its sign is reversed for all bonds. A negative
+    distance means that the bond violates the limit.
     """
     r, a, rest = lengths.rotor_lengths, lengths.spacings, lengths.rest_lengths
     left, right = r[:-1], r[1:]

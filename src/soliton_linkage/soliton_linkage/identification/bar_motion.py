@@ -43,7 +43,7 @@ from soliton_linkage.orbit.deviating_orbit import orbit_of
 from soliton_linkage.orbit.orbit import Orbit
 
 _GRID = 0.03
-"""Step between the arc lengths of `_OrbitTable` [rad]; at 0.5x, masses change by 1e-4."""
+"""Step of the arc length in `_OrbitTable` [rad]; at 0.5x, the estimated masses change by 1e-4."""
 _SLIDING = 0.1
 """Rate w above which dry friction is nearly constant [rad/s]; rotors in walls turn faster."""
 _ROUNDS = 2
@@ -61,8 +61,8 @@ changes the sum by 10 times this fraction."""
 _RATE_FRAMES = 8
 """Number of frames at the start of a free motion from which its initial speed is estimated [1]."""
 _STEP = 1e-4
-"""The step of a numerical derivative by an unknown is this times the absolute value of the
-unknown, or times its prior standard deviation if this is larger [1]."""
+"""The step of a numerical derivative by an unknown is this times the absolute value of the unknown
+or its prior standard deviation, whichever is larger [1]."""
 _INFORMED = 1e-9
 """A combination of length errors is neglected if its variance is smaller than this fraction of the
 largest variance [1], because it is then a rounding error."""
@@ -114,7 +114,9 @@ def move_along(
     begin: Array,
     arcs: Array,
 ) -> None:
-    """Store the arc lengths [rad] of K motions along an orbit at T `times` in `arcs`, (T, K).
+    """Compute the arc lengths of K motions along an orbit at T `times` [rad].
+
+    The results are stored in `arcs`, (T, K).
 
     `begin`, (2, K), contains the initial arc lengths and speeds u. `drags`, (2, K), contains
     damping and dry friction.
@@ -212,7 +214,7 @@ class BarMotion(NamedTuple):
     mass_deviations: Array
     """Standard deviations of the natural logarithms of the masses [1], (N,)."""
     drag: tuple[float, float]
-    """Damping [1/s] and dry friction [1/s^2] of each rotor, per unit of the moment of inertia."""
+    """Damping [1/s] and dry friction [1/s^2] of each rotor."""
     drag_deviations: tuple[float, float]
     gravity: float
     gravity_deviation: float

@@ -8,8 +8,9 @@ rest length l, the misclosure of bond n is the distance between the ends of its 
     f_n = |(a_n + h_{n+1} - h_n, v_{n+1} - v_n)| - l_n.
 
 Linearised at estimated angles x, the misclosure of the readings is w = f(x) + R (y - o - x), R =
-df/dphi. If S are the variances of the readings, w has the covariance M = R S R^T, which is
-tridiagonal in each frame. The change dp of the unknowns p (lengths and offsets) minimises
+df/dphi. If S is the diagonal matrix of the variances of the readings, w has the covariance
+M = R S R^T. In each frame, M is tridiagonal. The change dp of the unknowns p (lengths and offsets)
+minimises
 
     sum over frames of (w + J dp)^T M^-1 (w + J dp),    J = dw/dp
 
@@ -36,13 +37,13 @@ _MISSING_VARIANCE = 1e4
 _CLOSINGS = 8
 """Largest number of Newton steps of the angles after a change of lengths [1]; 2 or 3 are usual."""
 _CLOSED = 1e-4
-"""Newton's method ends when all angles change by less than this [rad]; noise is far larger."""
+"""Newton's method ends when all angles change by less than this [rad], far less than the noise."""
 _LARGEST_ERROR = 0.3
 """A Newton step moves an angle at most this far from its reading [rad], to avoid divergence."""
 
 
 class Misclosures(NamedTuple):
-    """Misclosures f [m] of the bonds in T frames, with first derivatives; shapes (N - 1, T)."""
+    """Misclosures f [m] of the bonds in T frames, and their first derivatives, each (N - 1, T)."""
 
     values: Array
     first: Array
@@ -50,8 +51,8 @@ class Misclosures(NamedTuple):
     second: Array
     """Derivatives by the angle of the right rotor, df_n / dphi_{n+1} [m/rad]."""
     slopes: Array
-    """Derivatives of f_n by log r_n, o_n, log a_n, log l_n, log r_{n+1}, o_{n+1}, (N - 1, T,
-    6)."""
+    """Derivatives of f_n by log r_n, o_n, log a_n, log l_n, log r_{n+1} and o_{n+1}; the shape is
+    (N - 1, T, 6)."""
 
     def torques(self, forces: Array) -> Array:
         """Return the torques R^T F on the rotors, (N, T), for bond forces F, (N - 1, T)."""
@@ -82,7 +83,7 @@ def misclosures(lengths: Lengths, angles: Array) -> Misclosures:
 
 
 class CholeskyFactor(NamedTuple):
-    """Cholesky factor L of M = R S R^T = L L^T: diagonal and lower diagonal, (N - 1, T) each."""
+    """Diagonals of the bidiagonal Cholesky factor L of M = R S R^T = L L^T, (N - 1, T) each."""
 
     diagonal: Array
     below: Array
@@ -158,10 +159,10 @@ class Bundle:
         ]
         self.angles = np.array(interpolated) - lengths.offsets[:, None]
         self.normal: NormalEquations
-        """Normal equations at the estimated angles; they exist only in results of `closed`."""
+        """Normal equations at the estimated angles; only results of `closed` have them."""
 
     def closed(self, lengths: Lengths) -> Bundle:
-        """Return a bundle with other lengths, whose angles are corrected until all bonds close."""
+        """Return a bundle with other lengths, and with angles corrected until all bonds close."""
         moved = copy(self)
         moved.lengths, moved.angles = lengths, self.angles.copy()
         for _ in range(_CLOSINGS):
@@ -194,10 +195,11 @@ class Bundle:
         return NormalEquations(matrix, vector, squares)
 
     def error_equations(self, shapes: Array) -> tuple[Array, Array]:
-        """Return both sides of the normal equations of the P unknowns and of K N encoder errors.
+        """Return the normal equations of P unknowns and K N encoder errors: matrix and right side.
 
-        The size of an encoder error times its shape is added to the readings of a rotor. `shapes`,
-        (K, N, T), contains K shapes for each rotor. The left side has shape (P + K N, P + K N).
+        An encoder error adds its size times a function of time to the readings of a rotor.
+        `shapes`, (K, N, T), contains K such functions for each rotor. The matrix is
+        (P + K N, P + K N).
         """
         rotors, size = self.lengths.rotors, UNKNOWNS_PER_ROTOR * self.lengths.rotors - 2
         every = size + len(shapes) * rotors
@@ -218,7 +220,7 @@ class Bundle:
         return matrix, vector
 
     def close(self) -> float:
-        """Take one Newton step of all angles to close bonds; return its largest change [rad]."""
+        """Take a Newton step of the angles to close the bonds; return the largest change [rad]."""
         largest = 0.0
         for frames in self._batches():
             linearised, factors, whitened = self._linearised(frames)

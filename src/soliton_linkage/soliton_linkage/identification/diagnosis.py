@@ -20,9 +20,10 @@ _LARGEST_SPREADS = 0.2, 0.25
 """Largest plausible relative standard deviations [1] of lengths of one kind, for example of all
 spacings, and of masses and stiffnesses."""
 _USUAL_OF_ROTOR, _USUAL_OF_FRAMES = 1.3, 0.3
-"""Usual values of the two ratios that rank causes [1]. The ratio of the mean square residual of
-the worst rotor to the mean over all rotors is larger if one encoder is wrong. The share of the
-worst tenth of the frames in the squared residuals is larger if a kick or a hand has acted."""
+"""Usual values of two ratios that rank possible causes [1]. The first ratio, of the mean square
+residual of the worst rotor to the mean over all rotors, is larger if one encoder is wrong. The
+second ratio, the fraction of the squared residuals that the worst tenth of the frames contains, is
+larger if a kick or a hand has acted."""
 _FAR_SPACING = 1.5
 """A spacing is reported if it is more than this times the median spacing, or less than the median
 spacing divided by this [1]."""
@@ -32,11 +33,15 @@ _MOST_NAMED = 4
 _NOT_OBSERVABLE = 1e-4
 """A combination of unknowns with less information than this counts as not observable [1]."""
 _WEAK = 0.1
-"""A combination is reported if its standard deviation, without the prior, is above this [1]."""
+"""A combination of unknowns is reported if the readings alone, without the prior, determine it
+with a standard deviation larger than this [1]."""
 
 
 def unexplained(noise: float, spreads: tuple[float, float]) -> list[str]:
-    """Return a text for each limit exceeded by a model; arguments as in `check_explained`."""
+    """Return a text for each limit that a model exceeds.
+
+    `noise` and `spreads` are arguments of `check_explained`.
+    """
     lengths, masses = spreads
     faults = []
     if noise > UNEXPLAINED:
@@ -66,8 +71,9 @@ def check_explained(
 
     `model` is the name of the fitted model. `noise` is the root mean square of the `residuals`,
     (T, N), divided by the reading noise [1]. `spreads` contains the estimated relative standard
-    deviations [1] of lengths of one kind, and of masses and stiffnesses. `fault` describes a
-    significant encoder error, or is empty. If it is not empty, ValueError is raised in any case.
+    deviations [1] of lengths of one kind, and of masses and stiffnesses. `fault` is a significant
+    encoder error, or None. If it is not None, ValueError is raised even if the model explains the
+    readings.
     """
     faults = unexplained(noise, spreads)
     if not faults:
@@ -112,7 +118,7 @@ def length_warnings(chain: Chain) -> list[str]:
 
 
 def obstacle_warnings(chain: Chain, lengths: Lengths, covariance: Array) -> list[str]:
-    """Return warnings about bonds that may stop walls, and about bonds that are near a limit."""
+    """Return warnings about bonds that may stop walls, and about bonds that almost do so."""
     warnings = [
         f'bond {each.bond} may stop a soliton: its spring of {each.rest_length:.4g} m '
         f'{each.reason}'

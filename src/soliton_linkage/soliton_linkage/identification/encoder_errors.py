@@ -1,20 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """Score test (Rao, 1948) of errors of encoders: a wrong gain, play, and nonlinearity.
 
-A fit assumes that a reading is y = o + phi. An encoder error g adds g s to the reading, with a
-shape s. For the gain, s is the angle phi. For play of the coupling, s is the lag of the encoder
-behind the rotor. A slip while the rotor turns has nearly the same shape. Nonlinearity, for example
-of an encoder disc that is not centred on the axis, is described by sin(phi), cos(phi), sin(2 phi)
-and cos(2 phi), together with the gain. With the normal equations A dp + B g = b of the unknowns p,
-and B^T dp + D g = c of the errors, the errors have the estimate g with the information S:
+A fit assumes that a reading is y = o + phi. An encoder error of size g adds g s to the reading,
+where the shape s is a function of time that depends on the kind of error. For the gain, s is the
+angle phi. For play of the coupling, s is the lag of the encoder behind the rotor. A slip while the
+rotor turns has nearly the same shape as play. Nonlinearity, for example of an encoder disc that is
+not centred on the axis, is described by sin(phi), cos(phi), sin(2 phi) and cos(2 phi), together
+with the gain. With the normal equations A dp + B g = b of the unknowns p, and B^T dp + D g = c of
+the errors, the errors have the estimate g with the information S:
 
     S = D - B^T A^-1 B,    g = S^-1 (c - B^T A^-1 b).
 
-The sum of squared residuals over the variance of a reading decreases by g^T S g, which is the
-square of the significance of the error.
+If the fit includes the errors, the sum of squared residuals, divided by the variance of a reading,
+decreases by g^T S g. The square root of this decrease is the significance of the errors in
+standard deviations.
 
-The lengths of neighbouring bonds must change together to imitate an error of an inner rotor, and
-the prior of the lengths makes this improbable. Errors of edge rotors are less certain.
+Wrong lengths imitate an encoder error of an inner rotor only if the lengths of both of its bonds
+are wrong in the same way. The prior of the lengths makes this improbable. An edge rotor has only
+one bond, so its encoder errors are less certain.
 """
 
 from __future__ import annotations
@@ -32,22 +35,23 @@ from soliton_linkage.identification.readings import Readings, repeat_counts
 from soliton_linkage.linkage.chain import Array
 
 _SIGNIFICANT = 4.5
-"""An error is reported if it is larger than this [standard deviations]; in 20 correct recordings
-of 12 rotors, the largest gain error was 2.3 and the largest play 4.0."""
+"""A gain error or play is reported if it is larger than this [standard deviations]. In 20 correct
+recordings of 12 rotors, the largest gain error was 2.3 and the largest play 4.0."""
 _SIGNIFICANT_NONLINEARITY = 9.0
 """Nonlinearity is reported only if its significance is larger than this [standard deviations]."""
 _NONLINEAR = 1.3
 """Nonlinearity is reported, and not a wrong gain, if it decreases the sum of squares by more than
 this times the decrease by the gain alone [1]; with wrong gains, this ratio was at most 1.08."""
 _SIMILAR = 0.85
-"""An error names each rotor for which the sum of squares decreases by more than this times the
-largest decrease [1], because the others explain the recording nearly as well."""
+"""Besides the most probable rotor, other rotors are named if an error of their encoder decreases
+the sum of squares by more than this times the largest decrease [1]. Such an error explains the
+recording nearly as well."""
 _SMALLEST_ERROR = 0.02
-"""Smallest relative error of a gain [1], and smallest play [rad], that are reported. The gain
-error changes lengths by about 1 %."""
+"""Smallest relative error of a gain [1], and smallest play [rad], that are reported. A gain error
+of this size changes lengths by about 1 %."""
 _HALF_PLAY = 0.05
-"""Half of the play for which the shape of the lag is computed [rad]. Sensitivity: with 0.05, half
-plays of 0.05 and 0.1 rad were estimated as 0.05 and 0.07 to 0.11 rad."""
+"""Half of the play that `error_shapes` assumes to compute the lag [rad]. With this value, half
+plays of 0.05 rad were estimated as 0.05 rad, and half plays of 0.1 rad as 0.07 to 0.11 rad."""
 _LARGEST_NONLINEARITY = 0.3
 """Prior standard deviation of the amplitudes of a nonlinearity [rad]. It matters only for rotors
 that turn little, whose amplitudes are not observable."""
@@ -56,8 +60,9 @@ that turn little, whose amplitudes are not observable."""
 def error_shapes(angles: Array) -> Array:
     """Return the shapes of gain, play and nonlinearity, (6, T, N), for angles [rad], (T, N).
 
-    An encoder with play keeps its angle until the rotor has moved by the play. The lag is divided
-    by half of the play; it is -1 while the rotor turns forwards, and 1 while it turns backwards.
+    An encoder with play keeps its angle until the rotor has moved by the play. The shape of play
+    is the lag divided by half of the play: -1 while the rotor turns forwards, and 1 while the
+    rotor turns backwards.
     """
     lags = np.zeros_like(angles)
     for frame in range(1, len(angles)):
@@ -85,8 +90,8 @@ def error_scores(
     """Return the scores c - B^T A^-1 b of E errors, (E,), and the matrix S, (E, E).
 
     `matrix`, (P + E, P + E), and `vector`, (P + E,), are the normal equations of P unknowns and E
-    errors without the prior. `prior` is the information of the prior on the `unknowns`, (P,),
-    whose prior mean is 0. The unknowns change only along the columns of `basis`.
+    errors without the prior. `prior`, (P, P), is the information matrix of the prior of the
+    `unknowns`, (P,); the prior mean is 0. The unknowns change only along the columns of `basis`.
     """
     size = len(unknowns)
     own = basis.T @ (matrix[:size, :size] + prior) @ basis
@@ -97,18 +102,19 @@ def error_scores(
 
 
 class EncoderFault(NamedTuple):
-    """Error of the encoders that the readings show."""
+    """Encoder error that the readings show."""
 
     text: str
     decrease: float
-    """Decrease of the sum of squared residuals over the variance of a reading by the error [1]."""
+    """Decrease of the sum of squared residuals if the fit includes the error, divided by the
+    variance of a reading [1]."""
 
 
 def encoder_fault(joints: Sequence[str], scores: Array, information: Array) -> EncoderFault | None:
     """Return the most significant error of the encoders; None if no error is significant.
 
     `scores` and `information` are the results of `error_scores` for the shapes of `error_shapes`.
-    The common gain of all encoders is tested, too.
+    A gain error that all encoders have in common is also tested.
     """
     rotors = len(joints)
     gains, certain = scores[:rotors], np.diag(information)

@@ -7,8 +7,9 @@ The equation of motion of rotor n with mass m_n, length r_n and angle phi_n is
                         - c phi_n' - b tanh(phi_n' / w),
 
 where k is the stiffness and f the extension of a spring, g is gravity, and w the rate above which
-dry friction is nearly constant. The Q unknowns are those of `Lengths`, log k of each spring, log m
-of each rotor, the damping c, the dry friction b, log g, the initial angles and the initial rates.
+dry friction is nearly constant. The Q unknowns are the P unknowns of `lengths`, log k of each
+spring, log m of each rotor, the damping c, the dry friction b, log g, the initial angles and the
+initial rates.
 """
 
 from __future__ import annotations
@@ -37,12 +38,13 @@ from soliton_linkage.identification.motion_loops import (
 from soliton_linkage.linkage.chain import Array
 
 _LONGEST_STEP = 0.5
-"""Integration steps are at most this / `FreeMotion.fastest` [1]; angle errors are < 5e-5 rad."""
+"""Longest integration step times `FreeMotion.fastest` [1]; errors of angles are below 5e-5 rad."""
 _COARSE_STEP = 0.8
-"""The same for sensitivities [1]. For a wobbling flipper of 40 rotors, this changes the
-information on any combination of unknowns by at most 4 %."""
+"""Longest integration step of sensitivities times `FreeMotion.fastest` [1]. For a wobbling flipper
+of 40 rotors, steps of this length change the information on any combination of unknowns by at most
+4 %."""
 _BATCH = 32
-"""Number of frames with sensitivities in memory at a time; for 40 rotors they need 3 MB."""
+"""Number of frames whose sensitivities are in memory at one time; for 40 rotors they need 3 MB."""
 _SLIDING = 0.1
 """Rate w above which dry friction is nearly constant [rad/s]; at 0.5x, more steps are needed."""
 FORCE_UNKNOWNS = 3
@@ -50,7 +52,7 @@ FORCE_UNKNOWNS = 3
 
 
 class UnknownSlices(NamedTuple):
-    """Indices that the unknowns of each kind have among the Q unknowns of a motion."""
+    """Slices of the Q unknowns of a motion, one slice for each kind of unknown."""
 
     lengths: slice
     stiffnesses: slice
@@ -61,7 +63,7 @@ class UnknownSlices(NamedTuple):
 
 
 def unknown_slices(rotors: int) -> UnknownSlices:
-    """Return the indices of the unknowns for N rotors: first the chain, then the initial state."""
+    """Return the slices for N `rotors`; the initial state follows the unknowns of the chain."""
     sizes = [UNKNOWNS_PER_ROTOR * rotors - 2, rotors - 1, rotors, FORCE_UNKNOWNS, rotors, rotors]
     ends = np.cumsum(sizes).tolist()
     return UnknownSlices(*map(slice, [0, *ends[:-1]], ends))
@@ -88,7 +90,7 @@ class FreeMotion:
 
     @property
     def slices(self) -> UnknownSlices:
-        """Indices that the unknowns of each kind have among the Q unknowns."""
+        """Slice of each kind of unknown."""
         return unknown_slices(len(self.masses))
 
     @property
@@ -138,7 +140,7 @@ class FreeMotion:
 
 
 def split_chain(unknowns: Array) -> dict[str, Array]:
-    """Return a dictionary that contains a view of the unknowns of each kind.
+    """Return a dictionary with a view of the unknowns of each kind.
 
     Its keys are the fields of `Deviations`, and `offset`, `friction` and `gravity`.
     """
@@ -185,9 +187,10 @@ def states_with_sensitivities(motion: FreeMotion, times: Array) -> Iterator[tupl
 
 
 def gradient_of(motion: FreeMotion, times: Array, states: Array, weights: Array) -> Array:
-    """Return the derivatives by the unknowns, (Q,), of sum(angles * `weights`); weights: (T, N).
+    """Return the derivatives of sum(angles * `weights`) by the unknowns, (Q,).
 
-    `states`, (T, 2, N), is the result of `states_at` for the same motion and times.
+    `weights` are (T, N). `states`, (T, 2, N), is the result of `states_at` for the same motion and
+    times.
     """
     rotors, at = len(motion.masses), motion.slices
     pull, gradient = np.zeros((2, rotors)), np.zeros(5 * rotors + FORCE_UNKNOWNS)

@@ -58,12 +58,12 @@ _RIGID = (
     'impulses'
 )
 _ADJUSTMENTS = 6
-"""Largest number of fits of the lengths [1]; outliers are removed after each one."""
+"""Largest number of fits of the lengths [1]; outliers are removed after each fit."""
 _CLEAR = 12.0
-"""If a fit of springs does not explain the readings, or explains them only with an error of an
-encoder, the error that the fit of bars shows is reported if it is larger than this [standard
-deviations]. The masses and stiffnesses of springs adapt to such errors and hide them. Strained
-springs cause apparent errors of up to 10 in the fit of bars."""
+"""An encoder error that the fit of bars shows counts as clear if it is larger than this [standard
+deviations]; strained springs cause apparent errors of up to 10. The fit of springs hides a part of
+an encoder error, because masses and stiffnesses adapt to it. Therefore a clear error is reported
+if the fit of springs does not explain the readings, or shows any encoder error."""
 _MOST_FITTED = 3000
 """Largest number of frames in the fit of a motion; for 40 rotors, this fit takes 20 s or more."""
 
@@ -96,7 +96,7 @@ def identify(
 
 
 def _duration_of_torques(readings: Readings) -> float:
-    """Return how long torques act [s]; they are recorded as successive impulses."""
+    """Return how long torques act [s]; a torque is recorded as a series of impulses."""
     spans = np.diff(sorted(impulse.time for impulse in readings.impulses))
     return float(spans[spans < ARRIVAL].sum())
 
@@ -149,7 +149,7 @@ def _by_model(
 
     def fit_springs(part: Readings) -> tuple[MotionFitter, MotionFit] | str:
         fitted = _fit_springs(part, *inputs)
-        # A kick strains the springs, which looks like an error of an encoder in the fit of bars.
+        # In the fit of bars, springs strained by a kick look like an error of an encoder.
         if part is not some:
             check_clear(fitted)
         return fitted
@@ -233,9 +233,9 @@ def _fit_springs(
     spacing_known: bool,
     stages: Stages,
 ) -> tuple[MotionFitter, MotionFit] | str:
-    """Fit springs; return the reason if the fit fails, and '' if rigid bars fit equally well.
+    """Return a fit of springs, or the reason if it fails, or '' if rigid bars fit equally well.
 
-    `residuals` [rad] of the fit `found` belong to the frames of `some`.
+    `residuals` [rad] are the residuals of the fit `found` in the frames of `some`.
     """
     rotors = found.lengths.rotors
     angles = some.filled - found.lengths.offsets - residuals

@@ -29,20 +29,22 @@ _SUSPICIOUS = 1.05
 """If springs do not fit without a kick, a kick is accepted only if the residual noise of rigid
 bars is at least this times the residual noise of springs with the kick [1]."""
 _KICKED = 5.5
-"""A kick is assumed if a separate initial state after it decreases -2 log likelihood by more than
-the decrease that is expected without a kick, plus this number of its standard deviations [1]."""
+"""A kick is assumed if a separate initial state after it decreases -2 log likelihood
+significantly. The limit is the decrease that is expected without a kick, plus this number of
+standard deviations of this decrease [1]."""
 _STEP_NOISE = 0.02
 """The speed before and after a possible kick is averaged over so many frames that its standard
 deviation due to noise is this fraction of the root mean square speed [1]. Sensitivity: in 14 of 16
-recordings, the largest change of the speed is at the kick; at 2x, in 12; at 0.5x, in 14."""
+recordings, the largest change of the speed is at the kick; at 0.5x, this is so in 14, and at 2x in
+12."""
 _FEWEST = 8
 """Smallest number of frames over which the speed on each side of a kick is averaged [1]."""
 _SMALLEST_STEP = 0.08
 """If springs do not fit without a kick, a kick is tried only at a change of the speed by more than
 this fraction of the root mean square speed [1]."""
 _AT_REST = 1e-3
-"""The direction of motion is the vector of the rates divided by its norm, or by this times the
-root mean square speed [1] while the norm is smaller, for example at rest."""
+"""The direction of motion is the vector of the rates divided by its norm. Because the norm
+vanishes at rest, the divisor is at least this times the root mean square speed [1]."""
 
 _Fitted = tuple[MotionFitter, MotionFit] | str
 
@@ -91,7 +93,7 @@ def _possible_kick(some: Readings, fitted: _Fitted, noise: float) -> float | Non
     times = np.array([*(time for time, _ in steps), some.times[_worst_frame(fit)]])
     frames = np.searchsorted(some.times, [times - _BEFORE_KICK, times + ARRIVAL])
     gains = fitter.gains_by_kicks(frames.T.tolist())
-    # By chance, an additional initial state reduces the sum of squares by 2 N, with variance 4 N.
+    # Without a kick, another initial state reduces the sum of squares by 2 N, with variance 4 N.
     rotors = fit.residuals.shape[1]
     significant = max(gains) > 2 * rotors + _KICKED * math.sqrt(4 * rotors)
     return float(times[np.argmax(gains)]) if significant else None
@@ -101,9 +103,9 @@ def largest_steps(some: Readings, noise: float) -> Iterator[tuple[float, float]]
     """Yield times [s] and sizes of the largest sudden changes of the speed, largest first.
 
     The speed is the rate at which the vector of all angles moves along its path. The size is the
-    change of the speed, divided by the root mean square speed [1]; it is 0 if there are too few
-    frames. A kick changes the speed at once, whereas unequal masses and springs change it slowly.
-    Changes at known impulses and tilts are ignored. `noise` is the reading noise [rad].
+    change of the speed, divided by the root mean square speed [1]. If there are too few frames,
+    the size is 0. A kick changes the speed at once, whereas unequal masses and springs change it
+    slowly. Changes at known impulses and tilts are ignored. `noise` is the reading noise [rad].
     """
     times, steps = _steps(some, noise)
     for _ in range(_CANDIDATES):

@@ -20,7 +20,7 @@ from soliton_linkage.linkage.chain import Array, Chain
 UNKNOWNS_PER_ROTOR = 4
 """Number of unknowns per rotor: r, o, a and l."""
 UNKNOWNS_PER_BOND = 6
-"""Number of unknowns that affect a bond: r and o of both rotors, and a and l."""
+"""Number of unknowns that affect a bond: its a and l, and r and o of its two rotors."""
 _LONGEST_STEP = 0.2
 """Largest change of a log length [1] or offset [rad] in a step; longer steps are shortened."""
 
@@ -44,7 +44,10 @@ class Lengths:
         return len(self.rotor_lengths)
 
     def changed(self, change: Array) -> Lengths:
-        """Return lengths whose unknowns differ by `change`, (P,), shortened to `_LONGEST_STEP`."""
+        """Return lengths whose unknowns differ from those of these lengths by `change`, (P,).
+
+        If an element of `change` exceeds `_LONGEST_STEP`, the whole vector is scaled down.
+        """
         largest = float(np.abs(change).max(initial=0.0))
         rotor, offset, spacing, rest = split(change * min(1.0, _LONGEST_STEP / max(largest, 1e-9)))
         return Lengths(
@@ -65,7 +68,7 @@ class Lengths:
         )
 
     def chain(self, template: Chain) -> Chain:
-        """Return a chain with these lengths; a template supplies all other parameters."""
+        """Return a chain with these lengths; `template` supplies all other parameters."""
         spacing, length = float(self.spacings.mean()), float(self.rotor_lengths.mean())
         rest = float(self.rest_lengths.mean())
         cosine = math.sqrt(max(rest**2 - spacing**2, 0.0)) / (2 * length)
@@ -98,20 +101,21 @@ def split(unknowns: Array) -> tuple[Array, Array, Array, Array]:
 
 
 def split_lengths(unknowns: Array) -> dict[str, Array]:
-    """Return the result of `split` in a dictionary; keys: fields of `Deviations`, and `offset`."""
+    """Return the result of `split` in a dictionary with the keys of `Deviations`, and `offset`."""
     names = 'rotor_length', 'offset', 'spacing', 'rest_length'
     return dict(zip(names, split(unknowns), strict=True))
 
 
 _PASSING = 0.2
-"""`initial_lengths` uses a bond in a frame if sin(phi_{n+1}) - sin(phi_n) differs from its median
-over all frames by more than this fraction of the largest such difference of a typical bond [1]."""
+"""`initial_lengths` uses a bond only in frames in which a wall passes it. With the difference d of
+sin(phi_{n+1}) - sin(phi_n) from its median over all frames, a wall is assumed to pass if |d| is
+larger than this times the largest |d| of a typical bond [1]."""
 
 
 def initial_lengths(angles: Array) -> Lengths:
-    """Return lengths of a chain of equal rotors with spacing 1 that fit angles [rad], (T, N).
+    """Return lengths that fit angles [rad], (T, N), with equal rotors, equal bonds and spacing 1.
 
-    Raises ValueError if no such chain fits. The angles of the two equal rotors of a bond obey
+    Raises ValueError if no such lengths fit. The angles of the two equal rotors of a bond obey
     Freudenstein's equation, from which K_0 and K_1 are estimated:
 
         cos(phi_n - phi_{n+1}) = K_0 + K_1 (sin(phi_{n+1}) - sin(phi_n)),
@@ -146,20 +150,21 @@ def initial_lengths(angles: Array) -> Lengths:
 
 
 _INITIAL = 0.04
-"""Initial tolerances of lengths [1] and offsets [rad]; with larger values, estimates diverge."""
+"""Initial values of the prior standard deviations of log lengths [1] and of offsets [rad]; with
+larger values, the estimates diverge."""
 _SMALLEST, _LARGEST = 1e-4, 0.3
-"""Limits of the estimated tolerances of lengths [1] and of offsets [rad]."""
+"""Limits of the estimated prior standard deviations of log lengths [1] and of offsets [rad]."""
 
 
 @dataclass(frozen=True)
 class Tolerances:
-    """Prior standard deviations of the logs of lengths of one kind [1], and of offsets [rad]."""
+    """Prior standard deviations of the log lengths of one kind [1], and of the offsets [rad]."""
 
     lengths: float = _INITIAL
     offsets: float = _INITIAL
 
     def information(self, rotors: int) -> Array:
-        """Return the information of the prior on the P unknowns of N rotors, (P, P)."""
+        """Return the information matrix of the prior of the P unknowns of N `rotors`, (P, P)."""
         size = UNKNOWNS_PER_ROTOR * rotors - 2
         information = np.zeros((size, size))
         for part in (0, 2, 3):
@@ -171,7 +176,7 @@ class Tolerances:
         return information
 
     def is_close(self, other: Tolerances, fraction: float) -> bool:
-        """Return whether both tolerances agree with `other` within a `fraction` [1]."""
+        """Return whether the relative differences from `other` are at most a `fraction` [1]."""
         return (
             abs(self.lengths - other.lengths) <= fraction * other.lengths
             and abs(self.offsets - other.offsets) <= fraction * other.offsets
@@ -179,9 +184,10 @@ class Tolerances:
 
     @staticmethod
     def estimated(lengths: Lengths, covariance: Array, given: float | None) -> Tolerances:
-        """Return tolerances estimated from lengths and the covariance of their unknowns, (P, P).
+        """Return estimates from lengths and the covariance of their unknowns, (P, P).
 
-        If `given` [1] is not None, it replaces the estimated tolerance of the lengths.
+        If `given` [1] is not None, it replaces the estimated standard deviation of the log
+        lengths.
         """
         rotor, offset, spacing, rest = split(np.diag(covariance))
         squares = [

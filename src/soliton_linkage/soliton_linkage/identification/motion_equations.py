@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Normal equations of the chain and of the initial states of all windows.
+"""Normal equations of the chain and of the initial states of all windows (runs of frames).
 
 The normal equations of a window have the blocks A_qq, A_qs, A_sq and A_ss for the parameters q of
 the chain and the initial state s of the window, and the right sides b_q and b_s. The elimination
@@ -34,8 +34,8 @@ _SIGNIFICANT_STAMPS = 6.0
 standard deviation [1]."""
 
 _ANY_VARIANCE = 1e12
-"""Variance of stamp errors divided by the variance of a reading [s^2/rad^2], so large that a frame
-does not contain information on its time."""
+"""Ratio of the variance of stamp errors to the variance of a reading [s^2/rad^2] for a fit that
+ignores the stamps."""
 
 
 class Eliminated(NamedTuple):
@@ -66,10 +66,10 @@ def solver(
 ) -> Callable[[Array], Array]:
     """Return a function that solves the normal equations of the chain and of all initial states.
 
-    The function maps the right side of the equations to their solution. Both contain first the
-    unknowns of the chain, and then the unknowns of each initial state. The unknowns of the chain
-    change only along the columns of `basis`. `information` is the information of the prior on the
-    chain, and `damping` is the relative increase of the diagonal (Levenberg-Marquardt) [1].
+    The function maps the right side of the equations to their solution. In both vectors, the
+    unknowns of the chain precede those of the initial states. The unknowns of the chain change
+    only along the columns of `basis`. `information` is the information of the prior on the chain,
+    and `damping` is the relative increase of the diagonal (Levenberg-Marquardt) [1].
     """
     matrix = basis.T @ (information + np.sum([each.matrix for each in parts], axis=0)) @ basis
     matrix += damping * np.diag(np.diag(matrix))
@@ -109,14 +109,15 @@ def quasi_newton_step(
 
 
 class StampErrors(NamedTuple):
-    """Errors of time stamps, which add v u u^T to the covariance of the weighted readings.
+    """Errors of time stamps, with the variance v.
 
-    v is the variance of the errors. u are the weighted rates: the rates of the rotors, divided by
-    the relative deviations of their readings.
+    Weighted readings and weighted rates are divided by the relative standard deviations of the
+    readings. In a frame with the weighted rates u, the errors of its stamp add v u u^T to the
+    covariance of the weighted readings.
     """
 
     variance: float
-    """Variance of stamp errors relative to that of a reading [s^2/rad^2]; 0 if negligible."""
+    """Ratio of v to the variance of a reading [s^2/rad^2]; 0 if v is negligible."""
     delays: Array
 
     def whitened(self, pulls: Array, values: Array) -> Array:
@@ -147,7 +148,7 @@ class Record(NamedTuple):
     ) -> tuple[Array, ...]:
         """Return weights, weighted rates and weighted residuals of B frames, (B, N) each.
 
-        The frames are those with the numbers `some`, or by default all frames of the window.
+        `some` are the numbers of the frames; by default, all frames of the window are used.
         `states`, (B, 2, N), are the angles and rates of the motion in these frames; by default,
         they are computed. Weights are inverse relative deviations, or 0 for missing readings.
         """
@@ -160,14 +161,14 @@ class Record(NamedTuple):
         return weights, states[:, 1] * weights, np.where(weights > 0, errors * weights, 0.0)
 
     def across_rates(self, window: FreeWindow) -> Array:
-        """Return the weighted residuals without their components along the rates, (B, N)."""
+        """Return the components of the weighted residuals orthogonal to the rates, (B, N)."""
         _, pulls, errors = self.weighted(window)
         return StampErrors(_ANY_VARIANCE, self.times).whitened(pulls, errors)
 
     def whitened(self, frames: slice | NDArray[np.intp], pulls: Array, errors: Array) -> Array:
-        """Return the whitened residuals of B frames for the recorded, uncorrected stamps, (B, N).
+        """Return the whitened residuals of B frames at their recorded stamps, (B, N).
 
-        `pulls` and `errors` are the weighted rates and residuals for the estimated times.
+        `pulls` and `errors` are the weighted rates and residuals at the estimated times.
         """
         if self.stamps.variance:
             errors = errors + pulls * self.stamps.delays[frames, None]
@@ -180,8 +181,9 @@ def window_matrix(
     """Return the matrix of the normal equations of a window, for readings of unit variance.
 
     To save time, only each `every`-th frame is used, and the matrix is scaled up to all frames.
-    `shapes`, (K, B, N), are K kinds of errors of N encoders in the B frames of the window. The K N
-    factors of these errors follow the unknowns of the chain and precede the initial state.
+    `shapes`, (K, B, N), are K kinds of errors of N encoders in the B frames of the window. In the
+    matrix, the sizes of these K N errors are between the unknowns of the chain and the initial
+    state.
     """
     motion, rotors = window.motion, np.arange(record.readings.shape[1])
     size = motion.size + (0 if shapes is None else len(shapes) * len(rotors))
@@ -205,7 +207,7 @@ def window_matrix(
 def window_gradient(
     window: FreeWindow, record: Record, states: Array, shapes: Array | None = None
 ) -> Array:
-    """Return the right side, (Q,), of the equations with the matrix of `window_matrix`.
+    """Return the right side, (Q,), of the normal equations with the matrix of `window_matrix`.
 
     `states` are the angles and rates in the B frames of the window, (B, 2, N).
     """
@@ -227,10 +229,11 @@ def error_equations(
     every: int,
     shapes: Callable[[Array], Array],
 ) -> tuple[Array, Array]:
-    """Return both sides of the normal equations of the chain and of K N encoder errors.
+    """Return the normal equations of the chain and K N encoder errors: matrix and right side.
 
     The initial states are eliminated. `noise` is the standard deviation of a reading [rad],
-    `every` is as in `window_matrix`, and `shapes` maps angles, (B, N), to shapes, (K, B, N).
+    `every` is an argument of `window_matrix`. `shapes` maps angles, (B, N), to the `shapes` that
+    `window_matrix` needs, (K, B, N).
     """
     parts: list[tuple[Array, Array]] = []
     for window in windows:

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Estimation of a chain of springs, and of the forces on its rotors, from free motions.
 
-The solution of the equation of motion is fitted to the readings in windows with separate initial
-states (multiple shooting, after Bock). The first windows are short, because the angles in them are
-nearly linear in all unknowns. Windows are merged as the estimate improves. The fit does not use
-`scipy.optimize`, which would need 10 GB for 3000 frames of 40 rotors.
+The solution of the equation of motion is fitted to the readings in windows, each with its own
+initial state (multiple shooting, after Bock). The first windows are short, because the angles in
+them are nearly linear in all unknowns. Windows are merged as the estimate improves. The fit does
+not use `scipy.optimize`, which would need 10 GB for 3000 frames of 40 rotors.
 """
 
 from __future__ import annotations
@@ -68,22 +68,22 @@ _STIFFNESS_FACTORS = (1, 1 / 5, 5)
 _TOLERANCE_CHANGE = 0.05
 """The tolerances have converged if an estimate changes them by at most this fraction [1]."""
 _SAMPLES, _SAMPLED_ROTORS = 4, 80
-"""Largest number of samples of the posterior [1], and number of rotors in all samples together
-that is enough; with fewer, the standard deviations are less certain."""
+"""Largest number of samples of the posterior [1], and sufficient total number of rotors in all
+samples; with fewer samples, the standard deviations are less certain."""
 _SAMPLED_STEPS = 20
 """Largest number of steps of the fit of a sample [1]; 3 to 10 are usual."""
 _FITTING = 0.5
-"""Two windows are merged if the motion of the first window, continued through the second window,
-differs from the readings there by less than this [rad]. The difference of a frame is the norm over
-all rotors, and its root mean square over the frames is compared."""
+"""Two windows are merged if the motion of the first one, continued through the second one, fits
+the readings there: the root mean square of the norm of the residuals of a frame must be smaller
+than this [rad]."""
 UNEXPLAINED = 1.5
 """A model matches readings if its residual noise is at most this times the reading noise [1]."""
 _SIGNIFICANT = 3.0
-"""A difference of squared noise is significant if it is larger than this [standard deviations]."""
+"""Two values of squared noise differ significantly if by more than this [standard deviations]."""
 _NOISE_SCATTER = 2.3
-"""The squared noise from n readings has the relative standard deviation this / sqrt(n) [1]."""
+"""The squared noise of n readings has the relative standard deviation this / sqrt(n) [1]."""
 _MATRIX_FRAMES = 1000
-"""Approximate number of frames from which matrices (but not gradients) are computed."""
+"""Approximate number of frames used for the matrices; the gradients use all frames."""
 _DAMPINGS = 12
 """Largest number of damping factors that are tried for one step [1]; each is four times the
 previous one, and the last one is about 100."""
@@ -216,7 +216,7 @@ class MotionFitter:
         )
 
     def gains_by_kicks(self, kicks: Sequence[tuple[int, int]]) -> list[float]:
-        """Return by how much -2 log likelihood decreases if a kick acts, for each of K kicks [1].
+        """Return the decrease of -2 log likelihood if a kick is assumed, for each of K kicks [1].
 
         `kicks` contains two frame numbers for each kick. The frames before the first number and
         the frames from the second number on have separate initial states. The frames between are
@@ -245,7 +245,7 @@ class MotionFitter:
         return error_scores(*equations, *prior, self._basis)
 
     def sampled(self, found: MotionFit) -> MotionFit:
-        """Return the result of `fit` with its covariance increased to the scatter of samples."""
+        """Return the fit `found` with its covariance increased to the scatter of samples."""
         samples = self._samples(self._found)
         covariance = inflated_covariance(found.covariance, samples, found.motion.slices)
         return replace(found, covariance=covariance)
@@ -297,7 +297,7 @@ class MotionFitter:
         return bool(found)
 
     def _squared_noise(self) -> float:
-        """Return the squared noise across the rates; a fit of bars does not use the times."""
+        """Return the squared noise without errors along the rates, which a fit of bars ignores."""
         across = [self._record.across_rates(window) for window in self._windows]
         freedom = self._freedom() - self._motion.slices.forces.stop - sum(map(len, across))
         return float(sum(np.sum(each**2) for each in across) / max(freedom, 1.0))
@@ -438,10 +438,10 @@ class MotionFitter:
 def inflated_covariance(covariance: Array, samples: Array, at: UnknownSlices) -> Array:
     """Return a covariance, (P, P), increased to the scatter of S samples of the unknowns, (S, P).
 
-    `at` contains the indices of the unknowns of each kind. The standard deviations of all lengths
-    are multiplied by one factor, those of all stiffnesses by another one, and those of all masses
-    by a third one, because unknowns of one kind compensate each other if the likelihood has a
-    curved valley.
+    `at` contains the indices of the unknowns of each kind. One factor increases the standard
+    deviations of all lengths, a second one those of all stiffnesses, and a third one those of all
+    masses, because unknowns of one kind compensate each other if the likelihood has a curved
+    valley.
     """
     variances, factors = np.diag(covariance), np.ones(len(covariance))
     for part in (at.lengths, at.stiffnesses, at.masses):

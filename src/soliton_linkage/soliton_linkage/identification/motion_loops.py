@@ -6,7 +6,7 @@ unknowns q, X = dphi/dq and V = X', satisfy
 
     X' = V,    V' = (dphi''/dphi) X + (dphi''/dphi') V + dphi''/dq,
 
-and `pull_back` is the adjoint of this integration. Arguments for N rotors and Q unknowns, with the
+and `pull_back` integrates the adjoint equations. Arguments for N rotors and Q unknowns, with the
 symbols of `free_motion`:
 
     table, (5, N): r, a, l, k, and the moments of inertia;
@@ -128,8 +128,8 @@ def advance(
 ) -> None:
     """Advance the angles and rates in `state`, (2, N), by one Runge-Kutta step [s].
 
-    The states of its four stages are stored in `at`, (4, 2, N), and the results of `accelerate`
-    for them in `works` and `directs`.
+    The states in the four stages of the step are stored in `at`, (4, 2, N). The results of
+    `accelerate` for these states are stored in `works` and `directs`.
     """
     rotors = state.shape[1]
     at[0] = state
@@ -280,8 +280,9 @@ def pull_back(
 ) -> None:
     """Differentiate the sum of all angles times `weights`, (T, N).
 
-    The derivatives by the initial state are added to `pull`, (2, N), and those by the parameters
-    of the chain and the forces to `gradient`, (5 N + 3,). `states` is the result of `integrate`.
+    The derivatives by the initial state are added to `pull`, (2, N). The derivatives by the
+    parameters of the chain and of the forces are added to `gradient`, (5 N + 3,). `states` is the
+    result of `integrate`.
     """
     rotors = pull.shape[1]
     at, works = np.empty((4, 2, rotors)), np.empty((4, 8, rotors))

@@ -41,8 +41,9 @@ times the misfit with the recorded sign [1]."""
 _AS_GOOD = 1.25
 """This limit replaces `_BETTER` if a wall can pass the bond only with the opposite sign [1]."""
 _IMPASSABLE = 0.95
-"""A bond counts as impassable if its squared length, relative to the smallest that lets a wall
-pass, is smaller than this [1]. The exact limit is 1, but noise changes this ratio by 0.03."""
+"""A wall is assumed not to pass a bond if the squared length of the bond, divided by the smallest
+squared length that lets a wall pass, is below this [1]. The exact limit is 1, but noise changes
+the ratio by 0.03."""
 _MOST_NAMED = 4
 """Largest number of absent joints that a message names [1]."""
 _MOST_WRONG = 1 / 4
@@ -68,9 +69,9 @@ class _Curve(NamedTuple):
     mounting: Mounting
     misfit: float
     room: float
-    """Squared length of the fitted bond, relative to the smallest that lets a wall pass [1]."""
+    """Squared length of the fitted bond, divided by the smallest one that lets a wall pass [1]."""
     backward: bool
-    """Whether K_1, K_2 < 0: the joints are exchanged, or both have errors of half a turn."""
+    """Whether K_1 and K_2 are negative: joints are exchanged, or both have half-turn errors."""
 
     @property
     def strange(self) -> bool:
@@ -122,10 +123,11 @@ def check_mounting(readings: Array, names: Sequence[str]) -> None:
 
 
 def zeros_explain(readings: Array, errors: Array) -> bool:
-    """Return whether zero errors [rad], (N,), explain all pairs that do not move like neighbours.
+    """Return whether zero errors [rad], (N,), explain why pairs do not move like neighbours.
 
-    This requires that a correction of the errors reduces the misfits of the fitted curves. The
-    correction increases them if a rotor is missing between two joints.
+    Each such pair must have an error, and a correction of the errors must reduce the misfits of
+    the fitted curves. If a rotor is missing between two joints, the correction increases the
+    misfits.
     """
     curves, corrected = _curves(readings), _curves(readings - errors)
     wrong = errors != 0
@@ -232,11 +234,11 @@ def _fitted(first: Array, second: Array, is_reversed: bool) -> _Curve:
 _CHECKED_FRAMES = 9
 """Approximate number of frames in which the unit of the angles is checked [1]."""
 _SMALLEST_IN_DEGREES = 4.0
-"""Angles count as degrees only if one in the frame is larger than this; in degrees, one of any two
-neighbours is at 90 or more."""
+"""The angles of a frame count as degrees only if at least one of them is larger than this. In
+degrees, one of any two neighbouring rotors has an angle of 90 or more."""
 _LARGEST_STAGGER = 0.2
-"""Angles fit a chain if the median of 1 + cos(phi_n + phi_{n+1}) over a frame is smaller than this
-[1]; if degrees are used as radians, it is 0.4 or more."""
+"""Angles are consistent with a chain if the median of 1 + cos(phi_n + phi_{n+1}) over a frame is
+smaller than this [1]. If degrees are used as radians, the median is 0.4 or more."""
 
 
 def check_unit(readings: Array) -> None:
@@ -247,7 +249,7 @@ def check_unit(readings: Array) -> None:
 
 
 def in_degrees(angles: Array) -> bool:
-    """Return whether phi_n + phi_{n+1} is near pi only after conversion from degrees."""
+    """Return whether angles are in degrees, with phi_n + phi_{n+1} near 180 degrees."""
     largest = np.nanmax(np.abs(angles), initial=0.0)
     return bool(
         np.isfinite(largest)

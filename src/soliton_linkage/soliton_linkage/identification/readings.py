@@ -2,8 +2,8 @@
 """Readings of a recording: angles with standard deviations, impulses and tilts.
 
 While a rotor turns, the rounding errors of its readings are independent and have the variance q^2
-/ 12 for an encoder with the step q (Widrow and Kollar, Quantization Noise, 2008). While it is at
-rest, all its readings have the same rounding error.
+/ 12 for an encoder with the step q (Widrow and Kollar, Quantization Noise, 2008). While a rotor is
+at rest, all its readings have the same rounding error.
 """
 
 from __future__ import annotations
@@ -32,16 +32,19 @@ _PAUSE = 1.0
 _SHORTEST = 30
 """`divided` omits parts with fewer frames than this [1]."""
 _RESET_STEP = 0.1
-"""A rotor counts as stepping if its angle changes by more than this between two frames [rad].
-Sensitivity: 1.7 % of 1440 resets are missed; at 0.5x, 1.5 %; at 2x, 2.5 %."""
+"""A rotor counts as stepping if its angle changes by more than this between two frames [rad]. A
+reset of a simulation makes many rotors step at once. Sensitivity: 1.7 % of 1440 resets are missed;
+at 0.5x, 1.5 % are missed, and at 2x, 2.5 %."""
 _RESET_ROTORS = 2
 """A reset is assumed only if at least this many rotors step [1]; a single encoder may slip."""
 _RESET_RATIO = 4.0
-"""A reset is assumed only if the norm of the changes of all angles is larger than this times the
-norms one frame earlier and later [1]. For moving walls at 10 to 500 frames per second, this ratio
-was at most 2.3. Sensitivity: 1.7 % of 1440 resets are missed; at 0.5x, 1.0 %; at 2x, 3.4 %."""
+"""A reset is assumed only if the norm of the changes of all angles between two frames is larger
+than this times the norms one frame earlier and one frame later [1]. For moving walls at 10 to 500
+frames per second, this ratio was at most 2.3. Sensitivity: 1.7 % of 1440 resets are missed; at
+0.5x, 1.0 % are missed, and at 2x, 3.4 %."""
 _LARGEST_RELATIVE_DEVIATION = 100.0
-"""Standard deviations, divided by the typical one, are limited to 1 / this and this [1]."""
+"""Standard deviations, divided by the typical one, are limited to values from 1 / this to
+this [1]."""
 
 
 class RecordedImpulse(NamedTuple):
@@ -77,7 +80,10 @@ class Readings:
 
     @cached_property
     def filled(self) -> Array:
-        """Unwrapped readings [rad] with filled gaps, (T, N); ValueError if too few exist."""
+        """Unwrapped readings [rad] with interpolated gaps, (T, N).
+
+        Raises ValueError if there are too few rotors, or too few readings of a rotor.
+        """
         names, rotors = self.joints, self.angles.shape[1]
         if rotors < _FEWEST_ROTORS:
             raise ValueError(
@@ -152,7 +158,7 @@ def interpolated(angles: Array, times: Array | None = None) -> Array:
 
 
 def join_recordings(recordings: Sequence[Readings]) -> Readings:
-    """Join recordings, separated by unknown impulses; raise ValueError if joints differ.
+    """Join recordings, with an unknown impulse between them; raise ValueError if joints differ.
 
     The times of a recording are shifted unless it begins after the end of the previous one.
     """
@@ -194,7 +200,7 @@ def join_recordings(recordings: Sequence[Readings]) -> Readings:
 
 
 def is_reset(times: Sequence[float], angles: Sequence[Array]) -> bool:
-    """Return whether several rotors step at once between the second and third of 4 frames."""
+    """Return whether a reset occurs between the second and the third of four frames."""
     changes = [np.nan_to_num(wrapped(step)) for step in np.diff(angles, axis=0)]
     before, here, after = (float(np.linalg.norm(each)) for each in changes)
     first, gap, last = np.diff(times)
@@ -231,17 +237,20 @@ _DENSE_FRAMES = 0.05
 
 
 def dense_interval(times: Array) -> float:
-    """Return the frame interval [s] where frames are dense, for at least two times [s], (T,)."""
+    """Return the frame interval in the parts of a recording without gaps [s].
+
+    `times` [s] contains at least two elements.
+    """
     count = min(_AVERAGED_INTERVALS, len(times) - 1)
     return float(np.quantile((times[count:] - times[:-count]) / count, _DENSE_FRAMES))
 
 
 _SMALLEST_STEP = 1e-9
-"""Smallest change that counts as an encoder step [rad]; smaller ones are rounding errors."""
+"""Smallest change that counts as an encoder step [rad]; smaller ones are floating-point errors."""
 
 
 def rounding_noise(readings: Array) -> float:
-    """Return the standard deviation of rounding errors [rad], from the smallest step."""
+    """Return the standard deviation of rounding errors [rad] from the smallest encoder step."""
     steps = np.abs(np.diff(readings, axis=0))
     smallest = float(steps[steps > _SMALLEST_STEP].min(initial=np.inf))
     return smallest / math.sqrt(12) if math.isfinite(smallest) else 0.0
@@ -268,13 +277,13 @@ _NEAR_IMPULSES = 0.5
 _AVERAGED = 8
 """Number of frames over which exp(i phi) of a rotor is averaged, to find when the rotor turns."""
 _TURNING = 0.05
-"""A rotor counts as turning if its mean direction over `_AVERAGED` frames differs from the mean
-over the previous `_AVERAGED` frames by more than this [1]."""
+"""A rotor counts as turning if the mean of exp(i phi) over `_AVERAGED` frames differs from the
+mean over the previous `_AVERAGED` frames by more than this [1]."""
 _AT_REST = 0.1
-"""The frames that are selected while all rotors rest are at most this times those that are
-selected while a rotor turns [1], both in total and per second."""
+"""Largest ratio of the number of frames selected while all rotors rest to the number selected
+while a rotor turns [1]. The limit holds for the total numbers and for the numbers per second."""
 _FILLINGS = 5
-"""Number of iterations that limit the density of selected frames to the density of all [1]."""
+"""Number of iterations after which no frame has so much weight that it is selected twice [1]."""
 
 
 def informative_frames(

@@ -18,11 +18,11 @@ from soliton_linkage.identification.motion_fit import MotionFit
 from soliton_linkage.linkage.chain import Array, Chain
 
 STRAINED = 1.1
-"""Bonds count as closed if the noise computed from their misclosures is at most this times the
-reading noise [1]."""
+"""If the ratio of `noise` to `reading_noise` is larger than this [1], the model does not explain
+the readings exactly, and the result contains a warning."""
 _WORSE = 1.25
-"""A bond is reported if its `bond_noise` is larger than this times the median `bond_noise` of all
-bonds [1]; ratios of 1.1 are usual."""
+"""The result contains a warning about a bond if its `bond_noise` is larger than this times the
+median `bond_noise` of all bonds [1]. Ratios of 1.1 are usual."""
 
 
 @dataclass(frozen=True)
@@ -32,27 +32,27 @@ class Identification:
     chain: Chain
     """Identified chain; the given chain supplies the values that could not be estimated."""
     deviations: dict[str, Array]
-    """Relative standard deviations [1], with the names of the fields of `Deviations` as keys."""
+    """Relative standard deviations of the parameters [1]; the keys are fields of `Deviations`."""
     offsets: Array
     """Offset of each encoder, reading minus angle [rad], (N,)."""
     offset_deviations: Array
     """Standard deviations of the offsets [rad], (N,)."""
     noise: float
-    """Standard deviation of a reading [rad], computed from the residuals of the model."""
+    """Standard deviation of a reading [rad], computed from the residuals of the fit."""
     reading_noise: float
-    """Standard deviation of a reading [rad], computed from changes between frames."""
+    """Standard deviation of a reading [rad], computed from second differences of readings."""
     bond_noise: Array
     """Standard deviation of a reading [rad], from the residuals at each bond, (N - 1,)."""
     tolerance: float
-    """Relative standard deviation of each kind of lengths within the chain [1]."""
+    """Prior relative standard deviation of lengths of one kind, for example of spacings [1]."""
     rigid: bool
-    """Whether all bonds close within the noise, so that stiffnesses are unknown."""
+    """Whether rigid bars explain the readings within the noise; stiffnesses are then unknown."""
     unused_frames: int
     """Number of frames that the fit of masses, stiffnesses and drag does not use."""
     weakly_observable: tuple[str, ...]
     warnings: tuple[str, ...]
     outliers: int = 0
-    """Number of isolated wrong readings, which the identification did not use."""
+    """Number of isolated wrong readings that the identification did not use."""
     damping_deviation: float = math.nan
     """Standard deviation of the damping [N m s/rad], NaN if unknown."""
     friction: float = math.nan
@@ -77,7 +77,7 @@ def by_springs(
     scale: tuple[float, float] | None,
     unused_frames: int,
 ) -> Identification:
-    """Return the result for springs; all values come from the fitted motion.
+    """Return the result of a fit of springs.
 
     `scale` contains the mean mass [kg] and the standard deviation of its log [1], if known.
     """
@@ -153,7 +153,11 @@ def by_bonds(
     moved: BarMotion | None,
     unused_frames: int,
 ) -> Identification:
-    """Return the result for rigid bars: lengths from `found`, masses and drag from `moved`."""
+    """Return the result of a fit of rigid bars.
+
+    The lengths are those of `found`, and the masses and the drag those of `moved`. If `moved` is
+    None, masses and drag are those of `given`.
+    """
     deviations = split_lengths(found.deviations)
     offsets = deviations.pop('offset')
     chain = found.lengths.scaled(given.spacing).chain(given)

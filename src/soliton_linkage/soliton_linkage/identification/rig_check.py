@@ -29,9 +29,10 @@ _LARGEST_LEAD = 0.01
 _LARGEST_SLOWNESS = 0.02
 """Largest acceptable relative error of the speed at which stamps advance [1]."""
 _LATE = 1.5
-"""A frame is late or missing if an interval is longer than this times the median interval [1]."""
+"""The jitter is computed without intervals longer than this times the median interval [1], because
+a frame is late or missing there."""
 _COUNTED_FRAMES = 10
-"""Missing frames are computed from the durations of blocks of this many frames."""
+"""Missing frames are counted in blocks of this many frames, from the duration of each block."""
 _LARGEST_NOISE = 0.05
 """Largest acceptable noise of a reading [rad]."""
 _NOISY = 3.0
@@ -41,7 +42,8 @@ _SMALLEST_NOISE = 2e-3
 _LEAST_SEEN = 0.99
 """Smallest acceptable fraction of the frames in which a rotor has a reading [1]."""
 _LARGEST_STRETCH = 0.02
-"""Largest acceptable relative stretch of a bond [1]; a zero error of 0.05 rad causes more."""
+"""Largest acceptable stretch of a bond, the relative difference of its apparent from its
+configured length [1]. An encoder zero error of 0.05 rad causes a larger stretch."""
 _LARGEST_OFFSET = 2.9
 """Zero errors up to this are tried as a cause of stretches [rad]; larger ones are half turns."""
 _LARGEST_CHANGE = 0.3
@@ -50,10 +52,11 @@ _EXPLAINED = 1 / 3
 """A correction, for example of a sign, explains the stretches of the bonds if it reduces their
 root mean square to less than this fraction [1]."""
 _EQUALLY_GOOD = 1.5
-"""Other corrections are also reported if the root mean square stretch with them is smaller than
-this times the one with the best correction [1]."""
+"""Other corrections are also reported if they leave a root mean square stretch smaller than this
+times the stretch that the best correction leaves [1]."""
 _MOST_AGAINST = 0.2
-"""If more than this fraction of rotors leans away from an edge, no soliton is at this edge [1]."""
+"""A soliton can be at an edge only if at most this fraction of the rotors leans away from
+it [1]."""
 _MOST_FRAMES = 200
 """Largest number of frames from which the stretches are computed [1]."""
 _MOST_NAMED = 4
@@ -151,7 +154,10 @@ def is_resting(angles: Array) -> bool:
 
 
 def is_at_edge(angles: Array, first: bool) -> bool:
-    """Return whether readings of a frame, (N,), show a soliton at the first (or the last) edge."""
+    """Return whether readings of a frame, (N,), show a soliton at an edge.
+
+    This is the first edge if `first` is true, and the last edge otherwise.
+    """
     leans = np.sin(np.deg2rad(angles) if in_degrees(angles) else angles)
     against = int((leans > 0).sum() if first else (leans < 0).sum())
     return against <= max(1, _MOST_AGAINST * len(angles))
@@ -221,7 +227,7 @@ def _stamp_findings(frames: WatchedFrames) -> Iterator[RigFinding]:
     text = f'the stamps jitter by {1e3 * jitter:.3g} ms{"" if steady else remedy}'
     yield RigFinding(RIGHT if steady else DOUBTFUL, 'jitter', text)
     ages = arrivals - stamps
-    # The youngest frames of the first and of the last third are not late.
+    # In the first and in the last third, the frame of the smallest age is not delayed.
     third = len(ages) // 3
     youngest = [int(np.argmin(ages[:third])), int(np.argmin(ages[-third:])) - third]
     speed = float(np.diff(stamps[youngest])[0] / np.diff(arrivals[youngest])[0])

@@ -39,19 +39,19 @@ _LARGEST_ZERO_ERROR = 0.5
 """Largest zero error for which the fit of lengths and offsets converges [rad]. For correct
 encoders, errors of up to 0.3 rad are computed."""
 _SMALLEST_GAIN_ERROR = 0.05
-"""Smallest common relative error of the gains that is reported before the fit [1]; the fit finds
-smaller ones."""
+"""Smallest relative gain error, common to all encoders, that is reported before the fit [1]; the
+fit finds smaller errors."""
 _SIGNIFICANT_GAIN = 4.0
-"""A common error of the gains is reported if it is larger than this [standard deviations]. In 27
-correct recordings of 12 and 20 rotors, the largest was 1.9."""
+"""A common gain error is reported if it is larger than this [standard deviations]. In 27 correct
+recordings of 12 and 20 rotors, the largest apparent error was 1.9."""
 _LEAST_SPREAD = 1.0
-"""Smallest standard deviation of the mean readings of the rotors [rad] for which a common gain is
-estimated from the zeros."""
+"""A common gain error is estimated only if the standard deviation of the mean readings of the
+rotors is at least this [rad]."""
 _OTHER_FAULT = 1.0
-"""If a common gain leaves a larger error of a zero than this [rad], there is another fault, for
-example an error of half a turn."""
+"""If the correction of a common gain error leaves a zero error larger than this [rad], there is
+another fault, for example an error of half a turn."""
 _FEWEST_GAINS = 4
-"""Smallest number of rotors from which a common error of the gains is estimated [1]."""
+"""Smallest number of rotors from which a common gain error is estimated [1]."""
 _LARGEST_GAIN_ERROR = 0.25
 """Largest relative error of the gain of one encoder that is reported as a possible cause of an
 apparent error of its zero [1]."""
@@ -95,8 +95,8 @@ def check_motion(readings: Array, names: Sequence[str]) -> None:
 def check_common_gain(readings: Array) -> None:
     """Raise ValueError if all encoders have the same wrong gain, with readings [rad], (T, N).
 
-    The relative error e of the gain causes an apparent error of the zero of each rotor, which is e
-    times the mean reading of the rotor. Correct mean readings are multiples of half a turn.
+    A relative gain error e causes an apparent zero error of each rotor, which is e times the mean
+    reading of the rotor. Without errors, mean readings are multiples of half a turn.
     """
     signs = (-1.0) ** np.arange(readings.shape[1])
     errors = _zero_errors(readings)
@@ -188,18 +188,20 @@ _OUTLIER = 7.0
 """A reading counts as wrong if it differs from a smooth motion by more than this [standard
 deviations] plus the term with `_OF_RANGE`."""
 _OF_RANGE = 0.3
-"""Because a rotor may turn, a run of readings may additionally differ from a smooth motion by this
-[1] times the number of its readings times the range of the adjacent readings."""
+"""While a rotor turns, correct readings also differ from a smooth motion. Therefore a run of
+readings may differ by an additional term: this times the number of readings in the run times the
+range of the adjacent readings [1]."""
 _BESIDE = 3
 """A run of readings is compared with this many readings before it and after it [1]."""
 _LONGEST_RUN = 3
 """A run of successive wrong readings of a rotor is removed if it is not longer than this [1]; a
 longer run may be a slip of the encoder."""
 _SPARSE = 3.0
-"""A frame interval is long if it exceeds this times `dense_interval` [1]. A rotor may turn far in
-such an interval, which looks like a wrong reading or a slip. Sensitivity: if 20 % of the frames
-are lost, 89 % of the wrong readings are found; at 0.5x, 17 %; at 2x, all. In 54 correct recordings
-with frame intervals of up to 8 times the dense one, none of the three values causes an error."""
+"""Readings beside a frame interval longer than this times `dense_interval` are not searched for
+errors [1], because a rotor may turn far in such an interval. Sensitivity: if 20 % of the frames
+are lost, 89 % of the wrong readings are found; at 0.5x, 17 % are found, and at 2x, all. With these
+three values, no error is reported in 54 correct recordings with intervals of up to 8 times the
+dense one."""
 _PASSES = 6
 """Largest number of searches for wrong readings [1]; a large error hides smaller ones near it."""
 
@@ -231,9 +233,9 @@ def isolated(angles: Array, limits: Array) -> NDArray[np.bool_]:
     Apart from whole turns, each angle of such a run differs by more than the allowed difference
     from three predictions. The first one is a cubic curve through the two angles before and the
     two angles after the run. The second one is a line through the last angle before the run and
-    one of the two angles before that; the worse of these two lines counts. The third one is found
-    in the same way after the run. Near a permanent step, correct angles differ from the cubic
-    curve, but not from the lines on their own side of the step.
+    one of the two angles before that; the line with the larger difference counts. The third one is
+    the corresponding line after the run. Near a permanent step, correct angles differ from the
+    cubic curve, but not from the lines on their own side of the step.
 
     The allowed difference is `limits` [rad], (T, N), plus the term with `_OF_RANGE`.
     """
@@ -299,8 +301,8 @@ def stray_residuals(residuals: Array, noise: float) -> NDArray[np.bool_]:
 
 
 _SLIP_RANGE = 3.0
-"""An encoder slips if at some frame the cumulative sum of its n residuals, each minus their mean,
-is larger than this times the noise times sqrt(n) [1]."""
+"""An encoder slips if the cumulative sum of its n residuals, after subtraction of their mean,
+exceeds this times the noise times sqrt(n) in a frame [1]."""
 _SMALLEST_SLIP = 2.0
 """Smallest slip that is reported, relative to the noise of a reading [1]."""
 _JUMP_FRAMES = 15
@@ -330,7 +332,7 @@ def check_jumps(recording: Readings, noise: float) -> None:
     times, readings, deviations = recording.times, recording.filled, recording.relative_deviations
     width = min(_JUMP_FRAMES, len(readings) // 4)
     sudden = _sudden_changes(readings, 1)
-    # The change over three intervals does not contain a single wrong reading beside the jump.
+    # A single wrong reading beside a jump does not affect the change over three intervals.
     sudden[3:-3] = np.minimum(sudden[3:-3], _sudden_changes(readings, 3))
     sudden[_sparse(times, 2)[1:-2]] = 0.0
     sudden /= np.max([deviations[frame : frame + len(sudden)] for frame in range(4)], axis=0)
@@ -349,7 +351,10 @@ def check_jumps(recording: Readings, noise: float) -> None:
 
 
 def _sudden_changes(readings: Array, frames: int) -> Array:
-    """Return how far changes over `frames` frames differ from the mean of adjacent ones [rad]."""
+    """Return how far each change differs from the mean of the previous and the next change [rad].
+
+    A change is the difference of a reading from the reading `frames` frames earlier.
+    """
     changes = readings[frames:] - readings[:-frames]
     usual = (changes[: -2 * frames] + changes[2 * frames :]) / 2
     return np.asarray(np.abs(changes[frames:-frames] - usual))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Progress of an identification; its stages have known shares of the work."""
+"""Progress of an identification, as the fraction of the work that is done."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ class Stages:
         self.show(0.0)
 
     def show(self, part: float) -> None:
-        """Report which fraction of the current stage is done [1]."""
+        """Report the progress if the fraction `part` of the current stage is done [1]."""
         done = self._begin + (self._end - self._begin) * min(max(part, 0.0), 1.0)
         if done > self._done:
             self._done = done
             self._report(done)
 
     def show_decrease(self, first: float, now: float, last: float) -> None:
-        """Report how far an iteration has come, given its present error `now`.
+        """Report the progress of an iteration whose present error is `now`.
 
-        The iteration starts with the error `first` and ends with the error `last`. It is assumed
-        that the logarithm of the error decreases at a constant rate.
+        The iteration starts with the error `first` and ends with the error `last`. The logarithm
+        of the error is assumed to decrease at a constant rate.
         """
         if first > now > 0 and first > last:
             self.show(math.log(first / now) / math.log(first / last))

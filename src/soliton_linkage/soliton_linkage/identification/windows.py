@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Windows of frames of free motion, and the normal prior of the unknowns of a chain."""
+"""Windows (runs of frames) of free motion, and the normal prior of the unknowns of a chain."""
 
 from __future__ import annotations
 
@@ -26,8 +26,9 @@ _FEWEST_FRAMES = 30
 ARRIVAL = 0.05
 """Largest delay between the command of an impulse and its effect [s]."""
 _MERGED = 2
-"""Largest number of windows that are merged at a time [1]. Sensitivity: at 2x, the motion of a
-merged window of a wobbling flipper fits so badly that its fit takes up to four times as long."""
+"""Largest number of windows that are merged into one at a time [1]. Sensitivity: at 2x, the fit of
+a wobbling flipper takes up to four times as long, because the initial motions of the merged
+windows fit badly."""
 _LONGEST_WINDOW = 1600
 """Largest number of frames in a merged window; in longer windows, the fit is less linear."""
 _GAP = 8.0
@@ -43,7 +44,7 @@ class FreeWindow(NamedTuple):
 
 
 def free_intervals(times: Array, interruptions: Sequence[float]) -> list[slice]:
-    """Return each run of frames between two interruptions [s] that is long enough for a fit."""
+    """Return runs of frames between interruptions [s] that are long enough for a fit."""
     begins = [-math.inf, *(time + ARRIVAL for time in sorted(interruptions))]
     ends = [*sorted(interruptions), math.inf]
     intervals = [
@@ -93,8 +94,8 @@ def merge_windows(
 ) -> tuple[FreeWindow, ...]:
     """Merge adjacent windows if the motion of the first one also fits the second one.
 
-    `fits` decides this from the merged window, with the motion of the first one, and the frames of
-    the second one.
+    The function `fits` decides this. Its arguments are the merged window, with the motion of the
+    first one, and the frames of the second one.
     """
     merged: list[FreeWindow] = []
     count = 0
@@ -143,7 +144,8 @@ _FRICTION_DECELERATION = 10.0
 _LOG_GRAVITY = 1.0
 """Prior standard deviation of the log of gravity [1], used only if the spacing is unknown."""
 _INFORMED = 1e-12
-"""Eigenvalues of the information below this fraction of the largest one are neglected [1]."""
+"""Eigenvalues of the prior information are neglected below this fraction of the largest
+one [1]."""
 
 
 def force_deviations(inertia: float) -> Array:
@@ -155,10 +157,11 @@ def force_deviations(inertia: float) -> Array:
 
 
 def estimated_deviation(squares: float, count: int) -> float:
-    """Return the standard deviation of log masses and log stiffnesses, in a plausible range [1].
+    """Return an estimated standard deviation of log masses and log stiffnesses [1].
 
     `squares` is the expected sum of the squared differences of the logarithms from their prior
-    means, and `count` is the number of degrees of freedom.
+    means, and `count` is the number of degrees of freedom. The result is limited to a plausible
+    range.
     """
     return min(max(math.sqrt(squares / count), _SMALLEST), _LARGEST)
 
@@ -209,9 +212,9 @@ class MotionPrior:
     ) -> MotionPrior:
         """Return this prior with standard deviations replaced by estimates from a fitted chain.
 
-        They are estimated from the scatter of the unknowns of the chain of `motion`, and from the
-        covariance of these unknowns. If `tolerance` [1] is not None, it replaces the estimated
-        standard deviation of the log lengths.
+        The standard deviations are estimated from the scatter of the unknowns of the chain of
+        `motion`, and from the covariance of these unknowns. If `tolerance` [1] is not None, it
+        replaces the estimated standard deviation of the log lengths.
         """
         at = motion.slices
         lengths = covariance[at.lengths, at.lengths]
@@ -226,8 +229,8 @@ class MotionPrior:
 def observable_changes(motion: FreeMotion, gravity_known: bool) -> Array:
     """Return an orthonormal basis of the changes that keep the mean spacing and the mean log mass.
 
-    The basis vectors, the columns, are changes of the Q - 2 N unknowns of the chain. If
-    `gravity_known`, they also keep gravity.
+    The columns are changes of the Q - 2 N unknowns of the chain. If `gravity_known`, these changes
+    also keep gravity.
     """
     at, rotors = motion.slices, len(motion.masses)
     basis = np.eye(at.forces.stop)
