@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Analyser of a known chain: an orbit filter for one wall, fits of wall shapes for several."""
+"""Analyser of a chain with known parameters.
+
+An orbit filter locates a single wall, and fits of wall shapes locate several walls.
+"""
 
 from __future__ import annotations
 
@@ -74,8 +77,8 @@ class Analyser:
     ) -> None:
         """Compute the orbit of the chain.
 
-        `noise` is the standard deviation of the angles [rad]; None means that the analyser
-        estimates the noise. Raises ValueError for a noise that is infinite or not above 0.
+        `noise` is the standard deviation of the noise of an angle [rad]; if it is None, the
+        analyser estimates it. Raises ValueError if `noise` is infinite or not above 0.
         """
         check_noise(noise)
         self.chain = chain
@@ -125,15 +128,15 @@ class Analyser:
     def apply_impulse(self, stamp: int | None, impulses: Array) -> None:
         """Apply angular impulses [N m s], shape (N,), in the first frame at or after `stamp` [ns].
 
-        If `stamp` is None, the next frame is used. Impulses are counted as late and ignored if
-        `stamp` is not after the last frame. Raises ValueError if `impulses` have another shape or
-        contain a value that is not finite.
+        If `stamp` is None, the impulses act in the next frame. If `stamp` is not after the last
+        frame, the impulses are ignored and counted as late. Raises ValueError if `impulses` have
+        another shape or contain a value that is not finite.
         """
         self._impulses.add(stamp, self.chain.check_angles(impulses, 'impulse'))
 
     @property
     def diagnostics(self) -> AnalyserDiagnostics:
-        """Counters and estimated errors of the readings."""
+        """Counters of the analyser, and estimated errors of the readings."""
         late, made = (self._clock.late, self._impulses.late), self._filter
         if made is None:
             rotors = self.chain.number_of_rotors
@@ -156,8 +159,8 @@ class Analyser:
     ) -> Analysis | None:
         """Analyse a frame that was measured at a time `stamp` [ns]; return None if it is late.
 
-        A frame is late if its stamp is not after the stamp of the last analysed frame. But if its
-        stamp is more than `clock_limit` [s] before the last one, the analyser restarts with this
+        A frame is late if its stamp equals the stamp of the last analysed frame or is up to
+        `clock_limit` [s] earlier. If the stamp is even earlier, the analyser restarts with this
         frame. `angles` [rad], wrapped or unwrapped, and `rates` [rad/s] have shape (N,); unknown
         values are NaN or infinite. `deviations` are the standard deviations of the angles [rad],
         shape (N,), NaN if unknown; fits of wall shapes ignore them. Raises ValueError if an array

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Result of the analysis of one frame, interface of analysers, and analyser of unknown chains."""
+"""Result of the analysis of a frame, interface of analysers, and an analyser of unknown chains."""
 
 from __future__ import annotations
 
@@ -26,13 +26,14 @@ from soliton_linkage.orbit.orbit import Orbit
 class CyclePhase(NamedTuple):
     """Phase of a chain in the cycle of its orbit; unknown quantities are NaN.
 
-    phase: phase from 0 to 2 pi over a cycle [rad].
+    phase: phase [rad]; it increases from 0 to 2 pi during each cycle.
     rate: rate of change of the phase [rad/s].
     phase_deviation: standard deviation of the phase [rad].
     rate_deviation: standard deviation of the rate of the phase [rad/s].
-    completed: number of whole cycles up to the current phase, counted from arc length 0.
-    leg: number of the current leg (one passage of the wall along the chain), -1 if unknown. While
-        the phase increases, the wall moves from rotor 0 in even legs, and to rotor 0 in odd legs.
+    completed: number of cycles completed since arc length 0.
+    leg: number of the current leg (one passage of the wall along the chain); -1 if unknown. While
+        the phase increases, the wall moves away from rotor 0 in even legs, and towards rotor 0 in
+        odd legs.
     """
 
     phase: float
@@ -46,11 +47,11 @@ class CyclePhase(NamedTuple):
 class Analysis(NamedTuple):
     """Result of the analysis of a frame; unknown quantities are None or NaN.
 
-    motion: class of motion from the parameters of the chain, or, if these are unknown, from the
-        angles.
+    motion: class of motion; it follows from the parameters of the chain if they are known, and is
+        estimated from the angles otherwise.
     measured_motion: class of motion from the angles alone.
-    status: tracking status of the first wall if fits of wall shapes have found the walls,
-        otherwise the status of `estimate`.
+    status: if fits of wall shapes have found the walls, tracking status of the wall nearest to
+        rotor 0; otherwise the status of `estimate`.
     estimate: estimated state of the chain on its orbit.
     cycle: phase of the chain in the cycle of its orbit.
     solitons: walls that are at least half a rotor spacing from the edges, sorted by their site.
@@ -79,8 +80,8 @@ class Analysis(NamedTuple):
 def cycle_phase(estimate: OrbitEstimate, orbit: Orbit | None) -> CyclePhase:
     """Return the phase in the cycle of the orbit.
 
-    In a spinner that is upside down, the phase increases while the arc length decreases, so that
-    the rotors of every spinner turn in the same sense while its phase increases.
+    In an upside-down spinner, the phase increases while the arc length decreases. Therefore an
+    increasing phase means the same sense of rotation of the rotors in all spinners.
     """
     if orbit is None or not estimate.leg_known:
         return CyclePhase(math.nan, math.nan, math.nan, math.nan, 0, -1)
@@ -99,15 +100,17 @@ def cycle_phase(estimate: OrbitEstimate, orbit: Orbit | None) -> CyclePhase:
 
 
 class AnalyserDiagnostics(NamedTuple):
-    """Counters of an analyser and estimated errors of the readings; 0 if insignificant.
+    """Counters of an analyser, and estimated errors of the readings.
+
+    An estimated error is 0 if it is not significant.
 
     offsets: estimated offset of each encoder [rad], shape (N,).
     offset_deviations: standard deviation of each offset [rad], shape (N,); NaN without an orbit.
     late: number of frames rejected because their stamps did not increase.
     late_impulses: number of impulses ignored because their stamps were not after the last frame.
     starts: number of times that a search has located the chain on its orbit.
-    stamp_error: estimated standard deviation of the errors of frame stamps [s].
-    rest_angle_error: estimated error that all rest angles have in common [rad].
+    stamp_error: estimated standard deviation of the errors of the frame stamps [s].
+    rest_angle_error: estimated error of the rest angle, common to all rotors [rad].
     """
 
     offsets: Array
@@ -128,7 +131,7 @@ class FrameAnalyser(Protocol):
 
     @property
     def diagnostics(self) -> AnalyserDiagnostics:
-        """Counters and estimated errors of the readings."""
+        """Counters of the analyser, and estimated errors of the readings."""
 
     def analyse(
         self,
@@ -159,7 +162,7 @@ class UnknownChainAnalyser:
 
     @property
     def diagnostics(self) -> AnalyserDiagnostics:
-        """Number of late frames; the errors of the readings are not estimated."""
+        """Number of late frames; this analyser does not estimate the errors of the readings."""
         unknown = np.full(self._rotors, math.nan)
         return AnalyserDiagnostics(np.zeros(self._rotors), unknown, self._clock.late)
 

@@ -2,9 +2,9 @@
 """Constant offsets of encoders, estimated from the residuals of rotors far from the wall.
 
 Far from the wall the residual of a rotor is x = o + side * delta + noise, where o is the offset of
-its encoder and delta the error of its rest angle. The side is +1 for a rotor before the wall, that
-is, between rotor 0 and the wall, and -1 for a rotor beyond it. Therefore o and delta of a rotor
-can be estimated separately only after the wall has passed this rotor.
+its encoder and delta the error of its rest angle. The side is +1 for rotors before the wall (from
+rotor 0 to the wall) and -1 for rotors beyond the wall. Therefore o and delta of a rotor can be
+estimated separately only after the wall has passed this rotor.
 """
 
 from __future__ import annotations
@@ -28,17 +28,17 @@ _DEPTHS_BESIDE = 3.0
 """A rotor counts as far from the wall if its distance is above one rotor spacing plus this number
 of penetration depths [1]."""
 _FEWEST_MEANS = 5
-"""The offset of an encoder, or the common error of the rest angles, is estimated only from at
-least this many mean residuals of blocks [1]."""
+"""Least number of mean residuals, one per block of frames, that are required to correct an
+encoder offset or to estimate the common error of the rest angles [1]."""
 _WAVE_TIME = 10.0
 """Assumed correlation time of waves [time units of the chain]."""
 _LEAST_DISTANCE = 0.01
-"""An encoder may have an unknown offset if the mean residual of its rotor exceeds a limit,
-computed from the residuals of all rotors, by more than this [rad]."""
+"""An encoder is doubtful if the mean residual of its rotor exceeds a multiple of the typical mean
+residual of all rotors by more than this [rad]."""
 _CONTRADICTION = 0.3
-"""A correction near the wall counts as wrong if the corrected residual has the opposite sign and
-is larger than this share of the correction [1] plus allowances for noise and for the speed of the
-wall."""
+"""The correction of a rotor near the wall counts as wrong if the corrected residual has the
+opposite sign of the correction and exceeds this fraction of it [1]. Margins for noise and for the
+speed of the wall are added to this limit."""
 EDGE_ROTORS = 2.0
 """Springs may deform a wall whose distance from an edge is below this [rotor spacings]."""
 _STUCK, _MOST_STUCK = 1e-5, 0.2
@@ -57,8 +57,8 @@ class EncoderOffsets:
         """Number of blocks from which each offset is estimated [1], shape (N,)."""
         self.weights, self.sums = np.zeros((2, rotors)), np.zeros((2, rotors))
         """Sums of the weights [1/rad^2] and of the weighted residuals [1/rad] of each rotor, shape
-        (2, N) each. Row 0 sums the residuals from the blocks in which the rotor was before the
-        wall, row 1 those from the blocks in which it was beyond the wall."""
+        (2, N) each. Row 0 is for blocks in which the rotor was before the wall, and row 1 for
+        blocks in which it was beyond the wall."""
         self.update(np.full(rotors, np.nan), np.zeros(rotors), 1.0)
 
     def update(
@@ -70,8 +70,8 @@ class EncoderOffsets:
     ) -> None:
         """Update the offsets with the residuals of a block [rad], shape (N,), NaN if unknown.
 
-        `sides` [1], shape (N,), is +1 for a rotor before the wall, -1 for one beyond the wall, and
-        0 for one near the wall, whose residual is ignored. `variance` is the variance of a
+        `sides` [1], shape (N,), is +1 for a rotor before the wall, -1 for a rotor beyond the wall,
+        and 0 for a rotor near the wall, whose residual is ignored. `variance` is the variance of a
         residual due to noise [rad^2]. `persistent` is the variance of a residual due to errors
         that are equal in all blocks [rad^2], a number or shape (N,).
         """
@@ -121,9 +121,10 @@ class EncoderOffsets:
         return error if abs(error) > self.settings.significance * chance else 0.0
 
     def retest(self, rotors: Flags, errors: Array) -> None:
-        """Reduce the weight of earlier residuals of flagged rotors, more for a larger error.
+        """Reduce the weights of all earlier residuals of the rotors that are flagged in `rotors`.
 
-        `errors` [rad], shape (N,), are the latest residuals minus the predicted ones.
+        The weights decrease more if the errors are larger. `errors` [rad], shape (N,), are the
+        latest residuals minus the predicted residuals.
         """
         self.means[rotors] = np.minimum(self.means[rotors], _FEWEST_MEANS) - 1
         kept = 1 / np.maximum(self.weights[:, rotors] * errors[rotors] ** 2, 1.0)
@@ -137,9 +138,9 @@ class FarFieldResiduals:
     def __init__(self, offsets: EncoderOffsets, chain: Chain, strong: float) -> None:
         """Start without frames.
 
-        Waves increase the residuals and change them from block to block. Therefore a block is
-        ignored if its mean squared residual is above `strong` [rad^2] and its residuals differ
-        from the preceding block.
+        Waves change the residuals from block to block. Therefore a block is ignored if the mean
+        squares of two differences exceed `strong` [rad^2]: of its residuals from the predicted
+        ones, and of its residuals from those of the preceding block.
         """
         self._offsets, self._settings = offsets, offsets.settings
         self._margin = 1 + _DEPTHS_BESIDE * penetration_depth(chain) / chain.spacing
@@ -150,7 +151,7 @@ class FarFieldResiduals:
         self._uneven, self._first = False, True
         self._unsteady, self._far = np.zeros(rotors), np.zeros(rotors, dtype=np.bool_)
         self.disorder = 0.0
-        """Standard deviation of the angles due to unmodelled deviations of the chain [rad]."""
+        """Standard deviation of the angles due to unmodelled disorder of the chain [rad]."""
         self.stuck = np.zeros(rotors, dtype=np.bool_)
         self.doubtful = np.zeros(rotors, dtype=np.bool_)
         self._outlying: Flags | None = None
@@ -174,8 +175,8 @@ class FarFieldResiduals:
 
         `site` is the site of the wall [rotor spacings], `elapsed` the time since the last frame
         [s], and `variance` a lower limit of the noise variance [rad^2]. A residual that is flagged
-        in `outlying` is replaced by the mean of the block so far, unless the rotor had a similar
-        outlier in the preceding frame.
+        in `outlying` is replaced by the mean residual of the same rotor in the current block,
+        unless this rotor had a similar outlier in the preceding frame.
         """
         self._sums += residuals
         if outlying is not None:
@@ -194,7 +195,7 @@ class FarFieldResiduals:
         return self._frames == self._settings.block
 
     def learn(self, sign: int, variance: float) -> None:
-        """Update the offsets with the mean residuals of the block, and start a new block.
+        """Update the offsets with the mean residuals of the full block, and start a new block.
 
         `sign` is -1 if the chain is upside down, else 1; `variance` is the noise variance [rad^2].
         """
@@ -257,7 +258,7 @@ class FarFieldResiduals:
         """Update `stuck` and `doubtful` from readings [rad], shape (N,), and flags of outliers.
 
         `stuck` flags encoders whose readings do not change while the chain moves. `doubtful` flags
-        these encoders and encoders that may have an unknown offset.
+        the stuck encoders, and encoders that may have an unknown offset.
         """
         still = np.count_nonzero(np.abs(read - self._read) <= _STUCK)
         at_rest = still > _MOST_STUCK * np.count_nonzero(np.isfinite(read))
@@ -308,7 +309,7 @@ class FarFieldResiduals:
 
 
 def _trimmed_mean(squares: Array) -> float:
-    """Return the mean of all but the two largest squares; two encoders may have offsets."""
+    """Return the mean of `squares` without the two largest, because two encoders may be wrong."""
     count = len(squares) - 2
     if count <= 0:
         return 0.0

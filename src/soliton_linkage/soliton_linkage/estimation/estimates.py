@@ -15,11 +15,11 @@ class TrackingStatus(enum.Enum):
     LOST = 'lost'
     """No estimate: no frame has matched the orbit since the start, or since the wall was lost."""
     ACQUIRED = 'acquired'
-    """The estimate is based on one frame; only the order of magnitude of the rate is known."""
+    """The estimate is based on one frame; the rate is known only to an order of magnitude."""
     TRACKING = 'tracking'
     """The estimate is based on this frame and earlier frames."""
     COASTING = 'coasting'
-    """The estimate is based on earlier frames; the current one is empty or implausible."""
+    """The estimate is based on earlier frames; the current frame is empty or implausible."""
 
 
 class OrbitEstimate(NamedTuple):
@@ -31,7 +31,7 @@ class OrbitEstimate(NamedTuple):
     rate: rate of change of the arc length [rad/s].
     arc_deviation: standard deviation of the arc length [rad].
     rate_deviation: standard deviation of the rate of the arc length [rad/s].
-    covariance: covariance of the arc length and its rate [rad^2/s].
+    covariance: covariance of the arc length and the rate [rad^2/s].
     site: site of the wall [rotor spacings].
     site_rate: rate of change of the site [rotor spacings / s]; 0 while the wall is at an edge.
     site_deviation: standard deviation of the site [rotor spacings].
@@ -41,8 +41,8 @@ class OrbitEstimate(NamedTuple):
     leg_known: whether the frames exclude all other legs in which the wall has the same site.
     noise: standard deviation of the noise of an angle [rad], either given or estimated.
     misfit: root mean square residual of the rotors near the wall in recent frames [rad].
-    frame_misfit: `misfit` of this frame alone [rad]; NaN if `status` is COASTING or LOST.
-    upside_down: whether the chain is the mirror image phi -> pi - phi of the chain of the orbit.
+    frame_misfit: root mean square residual in this frame [rad]; NaN if COASTING or LOST.
+    upside_down: whether pi - phi, instead of the angles phi, follow the orbit.
     """
 
     time: float
@@ -70,7 +70,7 @@ def lost(time: float, noise: float = math.nan) -> OrbitEstimate:
 
 
 class AnalysedSoliton(NamedTuple):
-    """One measured wall; an unknown quantity and its standard deviation are NaN.
+    """Measured wall; an unknown quantity and its standard deviation are NaN.
 
     id: identifier of the wall, 1 or more; 0 if walls are not tracked from frame to frame.
     rotor: distance from rotor 0 to the centre of the wall [rotor spacings].

@@ -2,8 +2,11 @@
 """Compiled loops over the Kalman filters of a `MultipleModelFilter`.
 
 The state of each filter is (s, w, b, d): arc length s along the orbit, its rate w, bias b of the
-measurement, and disturbance d. If `disturbance` of the settings is 0, d is the relative rate of
-change of w due to unmodelled damping [1/s], otherwise an acceleration [rad/s^2].
+measurement, and disturbance d. If the setting `disturbance` is 0, d is the relative rate of change
+of w due to unmodelled damping [1/s]; otherwise d is an acceleration [rad/s^2].
+
+The steady filter assumes that the rate has no random changes, and that the measurement has no
+bias. Other filters allow random changes and a bias, or assume that an impulse has acted.
 """
 
 from __future__ import annotations
@@ -20,12 +23,13 @@ from soliton_linkage.linkage.chain import Array
 Records = NDArray[np.void]
 
 LEAST_ODDS, _LEAST_ODDS_AT_EDGES = -9.0, -2.0
-"""Lower limits of the log odds against the steady filter [1] while the wall is inside the chain
-and while it is at an edge, where springs exchange energy with it."""
+"""Lower limits of the log odds against the steady filter [1]. The first limit applies while the
+wall is inside the chain. The second one applies at an edge, where springs exchange energy with the
+wall, so that its rate changes."""
 _LEAST_EVIDENCE = 0.5
 """A filter that assumes an impulse has the weight 0 unless its `odds` are above this [1].
-Sensitivity: without this limit, reported standard deviations are 3 % larger in steady motion, and
-twice as large in single records of a few hundred frames."""
+Sensitivity: at -inf, the reported standard deviations are 3 % larger in steady motion, and twice
+as large in single records of a few hundred frames."""
 
 ARC, RATE, BIAS, DISTURBANCE = range(4)
 FILTER = np.dtype(
@@ -41,19 +45,20 @@ FILTER = np.dtype(
         ),
     ]
 )
-"""Record of one filter. The first filter of a bank is the steady filter. The last filters assume
-one impulse each, in the order from the latest to the earliest impulse.
+"""Record of one filter. The first filter of a bank is the steady filter. Each of the last filters
+assumes one impulse; they are sorted from the latest to the earliest impulse.
 
 state, covariance: mean and covariance of (s, w, b, d).
 bias_variance: stationary variance of the bias [rad^2].
-rate_noise, edge_rate_noise: square of the random relative change of the rate per rotor spacing,
-    while the wall is inside the chain and while it is at an edge [1].
+rate_noise: square of the random relative change of the rate per rotor spacing, while the wall is
+    inside the chain [1].
+edge_rate_noise: the same quantity while the wall is at an edge [1].
 weight: weight of the filter in the mixture of all filters [1].
-prior, probability: prior and current probability of a filter, for all filters except the steady
-    one and those that assume an impulse [1].
-likelihood: log likelihood of recent measurements, relative to the likeliest filter [1].
-odds: log likelihood of the measurements since the assumed impulse, minus their log likelihood in
-    the filters without an impulse [1].
+prior, probability: prior and current probability of the filter; both are 0 for the steady filter
+    and for filters that assume an impulse, and have the sum 1 over the other filters [1].
+likelihood: log likelihood of recent measurements, minus that of the likeliest filter [1].
+odds: log likelihood of the measurements since the assumed impulse, minus the log likelihood of the
+    same measurements for the filters that assume no impulse [1].
 """
 STATUS = np.dtype(
     [
@@ -68,7 +73,8 @@ STATUS = np.dtype(
 
 base: number of filters that assume no impulse [1].
 site_arc: arc length per rotor spacing [rad].
-least_impulse: assumed variance of the rate change by an impulse to a wall at rest [rad^2/s^2].
+least_impulse: assumed variance of the rate change that an impulse causes in a wall at rest
+    [rad^2/s^2].
 bias_decay: decay rate of the bias while the wall is at rest [1/s].
 variance: variance of the last measurement [rad^2].
 elapsed: time step of the last prediction [s].
@@ -77,10 +83,10 @@ rate: mean rate of the arc length in the mixture of all filters [rad/s].
 log_odds: log odds against the steady filter [1].
 frames: number of frames since the last restart from an impulse [1].
 impulses: number of restarts from an impulse [1].
-wave_noise: spectral density of the random acceleration by waves, divided by the `rate_noise` of a
-    filter [rad^2/s^3].
+wave_noise: spectral density of the random acceleration by waves, divided by the `rate_noise` of
+    the filter [rad^2/s^3].
 ripple: variance added to the bias of each filter, because the rate has a ripple that is periodic
-    in the site [rad^2].
+    in the site of the wall [rad^2].
 """
 _FILTERS = records(FILTER, writable=True)
 _STATUS = records(STATUS, writable=True)
@@ -115,7 +121,7 @@ correct = compile_loop(_correct, inlined=True)
 
 @compiled(_FILTERS)
 def expected_measurement(filters: Records) -> tuple[float, float]:
-    """Return the mean [rad] and variance [rad^2] that the mixture predicts for a measurement."""
+    """Return the mean [rad] and variance [rad^2] of s + b in the mixture of all filters."""
     arc, variance = 0.0, 0.0
     for n in range(filters.size):
         state = filters[n]['state']
@@ -139,7 +145,7 @@ def predict(
     acceleration: float,
     bandwidth: float,
 ) -> tuple[float, float]:
-    """Predict all filters like `MultipleModelFilter.predict`; return `expected_measurement`."""
+    """Predict all filters as `MultipleModelFilter.predict`; return `expected_measurement`."""
     status[0]['elapsed'], status[0]['at_edge'] = elapsed, at_edge
     speed, site = abs(status[0]['rate']), status[0]['site_arc']
     way = speed * elapsed / site
@@ -217,9 +223,9 @@ def update(
 ) -> tuple[float, float]:
     """Update all filters and their probabilities with a measured arc length [rad].
 
-    `base` is as in `STATUS`, `variance` the variance of the measurement [rad^2], and `freedoms`
-    its number of degrees of freedom. Return the change of the log odds against the steady filter,
-    and the largest `odds` of a filter that assumes an impulse.
+    `base` is as in `STATUS`. `variance` is the variance of the measurement [rad^2], and `freedoms`
+    the number of degrees of freedom of this variance. Return the change of the log odds against
+    the steady filter, and the largest `odds` of a filter that assumes an impulse.
     """
     likely = _update_filters(filters, arc, variance, freedoms)
     probabilities, weights = np.empty(base - 1), np.empty(base)
@@ -267,7 +273,7 @@ def set_weights(filters: Records, settings: Records, base: int, log_odds: float)
 
 @compiled(_FILTERS, i8)
 def mixture(filters: Records, count: int) -> tuple[float, float, float, float, float]:
-    """Return mean s, w, var(s), cov(s, w), var(w) of the mixture of the first `count` filters."""
+    """Return means of s and w, var(s), cov(s, w) and var(w) for the first `count` filters."""
     whole, arc, rate = 0.0, 0.0, 0.0
     of_arc, both, of_rate = 0.0, 0.0, 0.0
     for n in range(count):
@@ -305,9 +311,9 @@ def assume_impulse(
 ) -> None:
     """Insert at index `base` a filter that assumes an impulse in the last time step.
 
-    Before that, the filters `base` to `base` + `older` - 1 are copied to `base` + 1 to `base` +
-    `older`. The new filter is a copy of the filter without impulse that has the largest weight,
-    with larger variances of the arc length and its rate. `elapsed` is the time step [s], and
+    Before that, each of the `older` filters from index `base` on is copied to the next index. The
+    new filter is a copy of one that assumes no impulse, the one with the largest weight, but with
+    larger variances of the arc length and of the rate. `elapsed` is the time step [s], and
     `least_impulse` is as in `STATUS`.
     """
     likeliest = 0
@@ -326,7 +332,7 @@ def assume_impulse(
 
 @compiled(_FILTERS, i8)
 def restart_steady(filters: Records, base: int) -> None:
-    """Restart the steady filter, with bias 0, from the mean of the filters 1 to `base` - 1."""
+    """Restart the steady filter, with bias 0, from the mixture of filters 1 to `base` - 1."""
     filters[0]['weight'] = 0.0
     disturbance, of_disturbance = 0.0, 0.0
     for n in range(1, base):
@@ -345,9 +351,9 @@ def restart_steady(filters: Records, base: int) -> None:
 
 @compiled(_FILTERS, i8)
 def restart_from_impulse(filters: Records, base: int) -> None:
-    """Restart all filters that assume no impulse from the filter with the likeliest impulse.
+    """Restart all filters that assume no impulse from the filter with the largest `odds`.
 
-    Each bias becomes 0, with its stationary variance, and all `odds` become -inf.
+    Each bias becomes 0 and gets the stationary variance of its filter. All `odds` become -inf.
     """
     likeliest = base
     for n in range(base, filters.size):

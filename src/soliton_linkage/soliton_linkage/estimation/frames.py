@@ -21,7 +21,7 @@ Flags = NDArray[np.bool_]
 _TURN = 2 * math.pi
 """Angle of one turn [rad]."""
 _SHARE_OF_A_TURN = 0.5 / math.pi
-"""Number of turns per radian [1/rad]."""
+"""Factor that converts an angle to a number of turns [1/rad]."""
 
 
 def _wrapped(angle: float) -> float:
@@ -40,7 +40,8 @@ def rotor_swing(chain: Chain) -> float:
 def unwrap(angles: Array, last: Array, turns: Array, seen: Array) -> None:
     """Set `seen` to unwrapped angles [rad], shape (N,), NaN for invalid readings.
 
-    Update `last`, the last valid readings [rad], and `turns`, the whole turns to add to readings.
+    Update `last`, the last valid readings [rad], and `turns`, the numbers of whole turns that are
+    added to the readings.
     """
     for n in range(angles.size):
         angle = angles[n]
@@ -72,7 +73,7 @@ class FrameClock:
     """Clock that accepts the stamps of frames in ascending order and rejects late stamps."""
 
     def __init__(self, limit: float = DEFAULTS.tracking.clock_limit) -> None:
-        """Start the clock; it restarts at a stamp more than `limit` [s] before the last one."""
+        """Start the clock; a stamp more than `limit` [s] before the last one restarts it."""
         self._limit = limit
         self.time = -math.inf
         """Time from the first frame to the last accepted frame [s]."""
@@ -96,8 +97,8 @@ class FrameClock:
 
 
 _NEAR = 3600 * 10**9
-"""Two stamps are assigned to different clocks if they differ by more than this [ns], because the
-origins of two clocks differ by years."""
+"""Two stamps that differ by more than this [ns] are assumed to come from different clocks, because
+the zero times of different clocks differ by years."""
 
 
 class FrameImpulse(NamedTuple):
@@ -179,10 +180,10 @@ class CompletedFrame(NamedTuple):
     rates: Array | None
     """Rates of the rotors [rad/s], shape (N,); None if the rates are unknown."""
     filled: Flags
-    """Flags of rotors with estimated angles, for missing or implausible readings, shape (N,)."""
+    """Flags of filled rotors, whose readings are missing or implausible, shape (N,)."""
     from_orbit: bool
-    """Whether the angles of filled rotors are those of the orbit; otherwise they are interpolated
-    between neighbouring rotors."""
+    """Whether the angles of filled rotors are taken from the orbit; otherwise they are
+    interpolated between neighbouring rotors."""
     others: bool
     """Whether two adjacent rotors both differ from the orbit by more than half a swing, which
     indicates a second wall."""
@@ -197,7 +198,7 @@ class CompletedFrame(NamedTuple):
 
 
 class OnOrbit(NamedTuple):
-    """Angles and rates of all rotors as predicted by the orbit, shape (N,) each."""
+    """Angles and rates of all rotors at a point of the orbit, shape (N,) each."""
 
     angles: Array
     """Predicted angles [rad]; they may differ from unwrapped angles by whole turns."""
@@ -210,8 +211,8 @@ class OnOrbit(NamedTuple):
 def on_orbit(orbit: Orbit, estimate: OrbitEstimate, residuals: Array) -> OnOrbit:
     """Return the angles and rates at the estimated point of the orbit.
 
-    `residuals` [rad], shape (N,), are the differences of the angles from the orbit. If the chain
-    is upside down, the angles are mirrored, and the rates and residuals change their signs.
+    `residuals` [rad], shape (N,), are the measured angles minus the angles on the orbit. If the
+    chain is upside down, the angles are mirrored, and the rates and residuals change their signs.
     """
     angles = orbit.configuration(estimate.arc)
     rates = orbit.tangent(estimate.arc) * estimate.rate
@@ -245,10 +246,11 @@ def complete(
 ) -> CompletedFrame:
     """Replace missing angles [rad] and rates [rad/s], shape (N,), by values of the orbit.
 
-    An angle also counts as missing if it differs from the orbit by more than half a swing, and the
-    angles of both neighbours do not. The angles of the orbit are shifted by whole turns towards
-    `last`, the last valid angles [rad]. If `expected`, the state on the orbit, is None, missing
-    angles are interpolated between neighbouring rotors, and rates are kept only if all are known.
+    An angle also counts as missing if it differs from the orbit by more than half a swing while
+    both neighbouring rotors do not. The values of the orbit are `expected`. Whole turns are added
+    to its angles so that they are nearest to `last`, the last valid angles [rad]. If `expected` is
+    None, missing angles are interpolated between neighbouring rotors, and the rates are discarded
+    unless all of them are known.
     """
     unseen = ~np.isfinite(angles)
     if expected is None:

@@ -33,15 +33,16 @@ class Hypothesis:
     rate_shift: float = 0.0
     """Mean of `LinearisedMeasurement.rate_shift` over the recent frames [s^2/rad]."""
     information: float = 0.0
-    """Sum of the inverse variances of these frames [1/rad^2]."""
+    """Sum of the inverse variances of the arc lengths from the recent frames [1/rad^2]."""
 
     def update_rate_shift(self, way: float, variance: float) -> None:
-        """Correct the arc length for the change of the rate by a frame.
+        """Shift the arc length after a frame has changed the estimated rate.
 
-        `variance` is the variance of the arc length in this frame [rad^2], and `way` the distance
-        that the wall has moved since the last frame [rotor spacings]. Earlier frames were
-        corrected for the motion with a less accurate rate. Without this correction, the filter
-        would interpret the change of their corrections as motion.
+        The arc length from each frame is corrected for the motion of unseen rotors, in proportion
+        to the square of the estimated rate. If the estimated rate changes, so does the correction.
+        Without this shift, the filter would interpret that change as motion of the wall.
+        `variance` is the variance of the arc length from the latest frame [rad^2], and `way` the
+        distance that the wall has moved since the frame before [rotor spacings].
         """
         self.information = math.exp(-way) * self.information + 1 / variance
         gain = 1 / (self.information * variance)
@@ -77,7 +78,7 @@ class Hypotheses:
         return self.all[0]
 
     def weigh(self, likelihoods: list[float]) -> None:
-        """Add to each hypothesis its log likelihood of a frame; drop unlikely and equal ones."""
+        """Add the log likelihoods of a frame; drop unlikely and duplicate hypotheses."""
         if len(self.all) == 1:
             return
         for each, likelihood in zip(self.all, likelihoods, strict=True):
@@ -98,8 +99,8 @@ class Hypotheses:
     def add_toggled(self) -> None:
         """Add a hypothesis for each edge rotor that may have swung to its other rest angle.
 
-        Only flippers have such edge rotors. The new hypothesis has the site of the leader, but on
-        another leg of the orbit, and the opposite rate.
+        Only flippers have such edge rotors. The new hypothesis has the same site as the leader,
+        but the opposite rate and another leg of the orbit.
         """
         orbit, leader = self._orbit, self.leader
         view = leader.view

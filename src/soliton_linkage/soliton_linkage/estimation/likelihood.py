@@ -7,9 +7,10 @@ V. With the scaled difference r = d / sqrt(V), the probability density of d is
     p(d) = (1 - e) C / sqrt(V) exp(-rho(r)) + e / (2 pi),
     rho(r) = r^2 / 2 for |r| <= k,    rho(r) = k^2 (1/2 + log(|r| / k)) for |r| > k,
 
-where e is the share of readings without information, whose angles are random, k is the bound of
-the normal core, and C normalises exp(-rho). The derivative of log p with respect to d is -w d / V,
-with the weight w = min(1, k^2 / r^2) P of a reading that contains information with probability P.
+where e is the fraction of readings that contain no information because their angles are random, k
+is the bound of the normal core, and C normalises exp(-rho). The derivative of log p with respect
+to d is -w d / V. Here w = min(1, k^2 / r^2) P is the weight of the reading, and P the probability
+that the reading contains information.
 """
 
 from __future__ import annotations
@@ -75,7 +76,7 @@ def _core(square: float, inner: float) -> float:
 
 @compiled(f8, f8, f8)
 def _log_likelihood(square: float, bound: float, floor: float) -> float:
-    """Return log p(d), relative to the peak of its first term, for `square` = r^2."""
+    """Return log p(d), minus the logarithm of the peak of its first term; `square` is r^2."""
     core = _core(square, bound * bound)
     if square <= bound * bound:
         return core
@@ -124,8 +125,8 @@ def _weigh(
     """Set the weights w of all rotors.
 
     Return the sum of w t^2, the step to the likeliest arc length [rad], and the sum of t^2. Here t
-    is `tangent` for the rotors near the wall, from rotor `first` on, and 0 for others. Unknown and
-    doubtful rotors have weight 0 and are in neither sum.
+    is `tangent` for the rotors near the wall, from rotor `first` on, and 0 for other rotors.
+    Unknown and doubtful rotors have the weight 0, and both sums omit them.
     """
     end = first + tangent.size
     information, ahead, whole = 0.0, 0.0, 0.0
@@ -148,7 +149,7 @@ def _weigh(
 def weigh_frame(
     differences: Array, first: int, tangent: Array, density: Records, doubtful: Flags, rows: Array
 ) -> tuple[tuple[float, float, float], tuple[int, int, int, int, int], tuple[float, float, float]]:
-    """Compute weights and residuals of a frame from its differences [rad] from the orbit, (N,).
+    """Compute weights and residuals from the differences of the angles from the orbit [rad], (N,).
 
     `differences` become the residuals at the likeliest arc length. Row 0 of `rows` becomes the
     weights. Row 1 becomes the residuals of inliers (weight of at least 0.5) near the wall, and 0
@@ -198,7 +199,7 @@ def weigh_frame(
 def sum_likelihoods(
     angles: Array, states: Array, variance: float, bound: float, floor: float, sums: Array
 ) -> None:
-    """Set `sums[s, n]` to the log likelihood of the first n rotors in the uniform state s.
+    """Set `sums[s, n]` to the log likelihood of the first n angles in the uniform state s.
 
     `states`, the angles of S uniform states [rad], has shape (S, N), and `sums` shape (S, N + 1).
     """
@@ -212,7 +213,7 @@ def sum_likelihoods(
 
 @compiled(f8, f8, f8, f8_1d)
 def tabulate(variance: float, bound: float, floor: float, table: Array) -> None:
-    """Set `table[n]` to the log likelihood of the difference n pi / (size of table - 1) [rad]."""
+    """Tabulate log likelihoods of a rotor for differences from 0 to pi [rad], in equal steps."""
     for n in range(table.size):
         apart = math.pi * n / (table.size - 1)
         table[n] = _of_rotor(apart, variance, bound, floor)
@@ -257,11 +258,11 @@ def scan(
     table: Array,
     likelihoods: Array,
 ) -> None:
-    """Set the log likelihoods of a frame for each of the sampled walls, shape (S,).
+    """Set the log likelihood of a frame for each of the sampled walls, shape (S,).
 
-    For rotors near a wall, the log likelihoods are interpolated in `table` (see `tabulate`). For
-    other rotors, `before` and `beyond` contain results of `sum_likelihoods`, with a row for each
-    leg.
+    For rotors near a wall, log likelihoods are interpolated in `table` (see `tabulate`). For other
+    rotors, they are taken from `before` and `beyond`, the results of `sum_likelihoods` for the
+    uniform states before and beyond the wall, with one row per leg of the orbit.
     """
     for sample in range(likelihoods.size):
         leg, first, begin = walls.legs[sample], walls.firsts[sample], walls.begins[sample]

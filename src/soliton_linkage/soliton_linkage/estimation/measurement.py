@@ -27,10 +27,10 @@ LEAST_INFORMATION = 1e-6
 LONGEST_STEP = 0.5
 """Largest Gauss-Newton step along the orbit [rad]; it moves a wall by about half a spacing."""
 SAME_SITE = 0.5
-"""Two points of the orbit are the same position of a wall only if their sites differ by less than
-this [rotor spacings]."""
+"""Two points of the orbit count as the same position of a wall only if their sites differ by less
+than this [rotor spacings]."""
 _MOST_STEPS = 20
-"""A search ends at the latest after this number of Gauss-Newton steps [1]."""
+"""Largest number of Gauss-Newton steps in a search [1]."""
 _LONGEST_RUN = 2
 """A frame is not accepted if more than this number of adjacent rotors have gross errors [1]."""
 
@@ -50,11 +50,11 @@ class LinearisedMeasurement(NamedTuple):
     weights: Array
     """Weight of each rotor, from 0 to 1, shape (N,)."""
     inlying: Array
-    """Residuals of inliers near the wall, divided by their scales [rad], (N,); 0 for others."""
+    """Residuals of inliers near the wall, divided by their scales [rad], (N,); else 0."""
     information: float
     """Fisher information on the arc length if the noise were 1 rad [1]."""
     full_information: float
-    """As `information`, but with weight 1 for all known rotors that are not doubtful [1]."""
+    """Value of `information` if all known rotors that are not doubtful had the weight 1 [1]."""
     squares: float
     """Sum of the squares of the residuals in `inlying` [rad^2]."""
     degrees_of_freedom: int
@@ -62,23 +62,23 @@ class LinearisedMeasurement(NamedTuple):
     likelihood: float
     """Log likelihood of the frame [1]."""
     known: int
-    """Number of known rotors."""
+    """Number of rotors with known angles."""
     random: float
     """Log likelihood that the frame would have if all angles were random [1]."""
     gross: int
-    """Number of rotors with gross errors."""
+    """Number of rotors with gross errors (see `FrameLikelihood.gross`)."""
     run: int
-    """Number of rotors in the longest run of adjacent rotors with gross errors."""
+    """Largest number of adjacent rotors that all have gross errors."""
     outliers: int
     """Number of known rotors with a weight below 0.5."""
     largest: float
     """Largest absolute residual [rad]; infinite if a rotor is unknown."""
     unseen_share: float = 1.0
-    """Variance of `arc` due to unseen rotors after the correction for them, divided by its value
-    before the correction [1]."""
+    """Factor by which the correction for unseen rotors reduces the variance of `arc` that these
+    rotors cause [1]."""
     rate_shift: float = 0.0
-    """Correction of `arc` for the motion of unseen rotors, divided by the squared rate of the arc
-    length [s^2/rad]."""
+    """Correction of `arc` for the inertial forces of unseen rotors, divided by the squared rate of
+    the arc length [s^2/rad]."""
 
     @property
     def mean_square(self) -> float:
@@ -94,7 +94,8 @@ class LinearisedMeasurement(NamedTuple):
 def search_arc(arc: float, target: Callable[[float], float], close: float) -> float:
     """Return the likeliest arc length [rad], found by iteration from `arc` [rad].
 
-    `target` maps an arc length to a better one. The search ends at a step below `close` [rad].
+    From an arc length, `target` computes a better one. The search ends when an iteration changes
+    the arc length by less than `close` [rad].
     """
     for _ in range(_MOST_STEPS):
         step = target(arc) - arc
@@ -119,9 +120,9 @@ class OrbitComparison:
     def at(
         self, arc: float, angles: Array, corrections: Array, upside_down: bool
     ) -> tuple[OrbitSegment, Array]:
-        """Return the rotors near the wall and the differences [rad], (N,), at an arc length [rad].
+        """Return the rotors near a wall on the orbit, and the result of `compare` [rad], (N,).
 
-        `compare` explains the arguments `angles`, `corrections` and `upside_down`.
+        The wall is at the arc length `arc` [rad]. The other arguments are those of `compare`.
         """
         about, leg = self._orbit.segment(arc), self._orbit.leg(arc)
         differences = np.empty_like(angles)
@@ -139,18 +140,18 @@ class OrbitComparison:
 
 
 _CORE = 2.5
-"""Only rotors up to this distance from a wall show whether it exists [rotor spacings]."""
+"""`FrameLikelihood.fits` uses only rotors up to this distance from a wall [rotor spacings]."""
 _FAR, _FAR_NOISE, _FAR_SHARE = 0.75, 2.0, 0.3
-"""A wall counts as lost if more than the share `_FAR_SHARE` of the rotors within `_CORE` have
-absolute residuals above `_FAR` times the smallest gross error plus `_FAR_NOISE` times the standard
-deviation of the noise [1]."""
+"""A residual contradicts a wall if its absolute value exceeds `_FAR` times the smallest gross
+error plus `_FAR_NOISE` times the standard deviation of the noise [1]. A frame contradicts a wall
+if more than the fraction `_FAR_SHARE` of the residuals within `_CORE` contradict it [1]."""
 
 
 class FrameLikelihood:
-    """Likelihood of frames, computed from a robust density of the residuals of all rotors."""
+    """Likelihood of frames, from a probability density of residuals that allows outliers."""
 
     def __init__(self, swing: float, settings: LikelihoodSettings) -> None:
-        """Compute the density; `swing` is as in `rotor_swing` [rad]."""
+        """Compute the density; `swing` is the result of `rotor_swing` [rad]."""
         self._settings = settings
         self.gross = settings.gross_share * swing
         """An absolute residual above this is a gross error [rad]."""
@@ -164,7 +165,7 @@ class FrameLikelihood:
         """Scale of each reading [1], shape (N,), see `ReadingScales`; None if all scales are 1."""
 
     def floor(self, variance: float) -> float:
-        """Return `floor` of `DENSITY` [1] for a variance V of the difference [rad^2]."""
+        """Return `floor` of `DENSITY` [1], given the variance of a difference [rad^2]."""
         return self._floor + 0.5 * math.log(variance)
 
     def random(self, known: int, variance: float) -> float:
@@ -224,9 +225,10 @@ class FrameLikelihood:
         )
 
     def over_random(self, residuals: Array, variance: float) -> float:
-        """Return the log likelihood of residuals [rad], shape (n,), relative to random angles.
+        """Return the log likelihood ratio of residuals [rad], shape (n,), against random angles.
 
-        For random angles, the result exceeds x with at most the probability exp(-x) (Markov).
+        If the angles are random, the result exceeds x with a probability of at most exp(-x)
+        (Markov's inequality).
         """
         bound, floor = self._settings.bound, self.floor(variance)
         likelihood = frame_likelihood(residuals, variance, bound, floor)
@@ -235,8 +237,9 @@ class FrameLikelihood:
     def explains(self, view: LinearisedMeasurement, largest: float) -> bool:
         """Return whether wrong readings can explain the outliers of a frame.
 
-        They cannot if more than two adjacent rotors have gross errors, or if random angles are
-        likelier than the orbit even for differences with the variance `largest` [rad^2].
+        The result is False if more than two adjacent rotors have gross errors. It is also False if
+        random angles are likelier than the orbit, even with the largest possible variance
+        `largest` of a difference from the orbit [rad^2].
         """
         if view.run > _LONGEST_RUN:
             return False
@@ -285,7 +288,8 @@ class ReadingScales:
         """Return the scale of each reading [1], shape (N,); None means that all scales are 1.
 
         `variance` is the typical variance of the difference between a rotor and the orbit [rad^2].
-        Only its part `noise`, the variance of a typical reading [rad^2], differs between readings.
+        It includes `noise`, the typical variance of a reading [rad^2]. Only this part differs from
+        reading to reading.
         """
         if self._squares is None:
             return None
@@ -312,10 +316,11 @@ class InnovationGate:
         return view.information >= self._settings.informative_share * view.full_information
 
     def is_strained(self, view: LinearisedMeasurement) -> bool:
-        """Return whether outliers contradict the prediction although they are not gross errors.
+        """Return whether outliers that are smaller than gross errors contradict the prediction.
 
-        In a frame that is not informative, they do if three of them are adjacent, or if one rotor
-        is such an outlier in `confirming_frames` successive frames.
+        The result is False for an informative frame. Otherwise it is True if three adjacent rotors
+        are such outliers, or if one rotor is such an outlier in `confirming_frames` successive
+        frames.
         """
         if (
             self.is_informative(view)
@@ -331,8 +336,9 @@ class InnovationGate:
     def accepts(self, view: LinearisedMeasurement, largest: float, doubtful: Flags) -> bool:
         """Return whether a frame shows the predicted wall.
 
-        `FrameLikelihood.explains` must be true, and at most one rotor that is not `doubtful` may
-        have gross errors in this and in the preceding frame, because random errors do not repeat.
+        Two conditions must hold. First, `FrameLikelihood.explains` is True, with the variance
+        `largest` [rad^2]. Second, at most one rotor has a gross error in both this and the
+        preceding frame, because random errors do not repeat; `doubtful` rotors are not counted.
         """
         outliers, repeated = self._no_outliers, 0
         if view.gross:

@@ -48,15 +48,15 @@ _LEANING = 3.0
 """A frame shows a wall only if sin(theta_left) and sin(theta_right) have opposite signs and
 absolute values above this number of their standard deviations [1]."""
 _FLAT = 2.0
-"""A tail consists of rotors on one side of a wall whose deviations from the rest angle decrease
-outwards. It ends where the deviation is at most this number of standard deviations of the noise
-[1]."""
+"""A tail consists of rotors on one side of a wall, whose deviations from the rest angle decrease
+with the distance from the wall. It ends where the deviation is at most this number of standard
+deviations of the noise [1]."""
 _BEND = 0.1
 """Prior standard deviation of the coefficient of e^2 in e' - F(e), multiplied by the rest angle
 [1]."""
 _LEAST_LEVER = 1e-9
-"""A lever of 0 (spring and outer rotor in line) is replaced by this [1], to avoid a division by
-0."""
+"""A lever of 0 is replaced by this [1], to avoid a division by 0. The lever is 0 if the spring and
+the outer rotor are in line."""
 _LEAST_WEIGHT = 1e-300
 """Weight of a frame without tails in the mean rest angle of all frames [1]; it is not 0, so that
 the mean is defined even if no frame has tails."""
@@ -68,9 +68,9 @@ _NO_EVIDENCE = (math.nan, 0.0, math.nan)
 def next_deviation(inner: float, rest_angle: float, k: float) -> tuple[float, float]:
     """Return F(e), the deviation of the outer neighbour [rad], and its slope F'(e) [1].
 
-    `inner` is e. With the rest angle theta_bar, a rotor leans by alpha = theta_bar + e and its
-    outer neighbour by alpha' = theta_bar + F(e). With k = a / r, the ratio of rotor spacing and
-    rotor length, the spring between them has its rest length if
+    `inner` is e, and k = a / r is the ratio of the rotor spacing to the rotor length. With the
+    rest angle theta_bar, a rotor leans by alpha = theta_bar + e and its outer neighbour by alpha'
+    = theta_bar + F(e). The spring between them has its rest length if
 
         cos(alpha + alpha') + k (sin(alpha) - sin(alpha')) = cos(2 theta_bar).
     """
@@ -85,7 +85,7 @@ def next_deviation(inner: float, rest_angle: float, k: float) -> tuple[float, fl
 
 @compiled(const_f8_1d)
 def bond_of_wall(sines: Array) -> tuple[int, float, float]:
-    """Return the number b of rotors before the wall, and sin(phi) of rotors b - 1 and b beside it.
+    """Return the number b of rotors before the wall, and sin(phi) of the rotors b - 1 and b.
 
     `sines` are sin(phi) of all rotors, NaN if unknown.
     """
@@ -155,8 +155,9 @@ def uniform_part(
 def tail_of_side(deviations: Array, large: float, small: float) -> tuple[int, int]:
     """Return the indices at which a tail in `deviations` [rad] begins and ends.
 
-    The deviations are sorted from the wall outwards. The tail begins after the last absolute value
-    above `large` and ends before the first later one of at most `small` [rad].
+    The deviations are sorted by the distance from the wall. The tail begins after the last
+    absolute deviation above `large` [rad]. It ends before the next absolute deviation that is not
+    above `small` [rad].
     """
     begin = 0
     for n in range(deviations.size):
@@ -174,7 +175,8 @@ def tail_products(
 ) -> None:
     """Add to `sums`, shape (3, 3), the pairwise products of e, e^2 and e' - F(e) in a tail.
 
-    They are divided by the variance of e' - F(e). `part` is the `uniform_part` of the same side.
+    Each product is divided by the variance of e' - F(e). `part` is the `uniform_part` of the same
+    side of the wall.
     """
     mean, handed = part.mean, 1.0 if (part.sine > 0) == (part.cosine > 0) else -1.0
     rest_angle = math.pi / 2 - abs(math.asin(math.cos(mean)))
@@ -196,7 +198,11 @@ def tail_products(
 
 @compiled(f8, f8, f8)
 def _flipping(left: float, right: float, variance: float) -> float:
-    """Return the log likelihood ratio of a flipper against a spinner, from theta on both sides."""
+    """Return the log likelihood ratio of a flipper against a spinner.
+
+    `left` and `right` are theta_left and theta_right [rad], and `variance` is the variance of
+    their difference [rad^2].
+    """
     flipped, spun = wrapped(right + left), wrapped(right - left - math.pi)
     flipped, spun = flipped * flipped, spun * spun
     likelihood = (spun - flipped) / (2 * max(variance, min(flipped, spun)))
@@ -209,7 +215,7 @@ def evidence(
 ) -> tuple[float, float, float]:
     """Return the site of the wall, the result of `_flipping` and the rest angle of a frame.
 
-    The products of the tails of the wall are added to `tails` (see `tail_products`).
+    The `tail_products` of both tails of the wall are added to `tails`.
     """
     rotors, fewest = angles.size, settings[0]['fewest_rotors']
     bond, before, beyond = bond_of_wall(sines)
@@ -240,9 +246,10 @@ def evidence(
 
 @compiled(const_f8_2d, f8, f8)
 def tail_ratio(tails: Array, rest_angle: float, deformation: float) -> tuple[float, float]:
-    """Return lambda and its standard deviation [1] from the sums `tails`; NaN and inf if unknown.
+    """Return lambda and its standard deviation [1]; NaN and inf if unknown.
 
-    `deformation` is the standard deviation of the angles near the wall due to forces [rad].
+    `tails` are sums of `tail_products`, and `deformation` is the standard deviation of the angles
+    near the wall due to forces [rad].
     """
     if tails[0, 0] <= 0:
         return math.nan, math.inf
@@ -266,9 +273,9 @@ def observe(
 ) -> tuple[tuple[float, float, float], tuple[float, float]]:
     """Add the evidence of a frame to the evidence of the earlier frames.
 
-    `flipping`, `rest_angle` and `tails` are from the earlier frames; `tails` is updated. Return
-    one tuple with the site in this frame, the new `flipping` and the new mean `rest_angle`, and a
-    second tuple, the result of `tail_ratio`.
+    `flipping`, `rest_angle` and `tails` summarise the earlier frames; `tails` is updated in place.
+    Return two tuples. The first one has the site in this frame and the updated `flipping` and
+    `rest_angle`. The second one is the result of `tail_ratio`.
     """
     known = tails[0, 0]
     sines, cosines = np.full(angles.size, math.nan), np.full(angles.size, math.nan)
@@ -322,7 +329,7 @@ class MotionEvidence(NamedTuple):
     tail_ratio_deviation: float
 
     def verdict(self, settings: MotionSettings = DEFAULTS.motion) -> MotionClass:
-        """Return the class of motion; `motion` is None if no class has `least_probability`."""
+        """Return the class of motion if its probability is at least `least_probability`."""
         determined = math.isfinite(self.tail_ratio)
         scaled = self.tail_ratio / self.tail_ratio_deviation if determined else 0.0
         wobbling = math.erfc(scaled / math.sqrt(2)) / 2
@@ -347,7 +354,7 @@ class MotionObserver:
     def __init__(
         self, settings: MotionSettings = DEFAULTS.motion, deformation: float = 0.0
     ) -> None:
-        """Start without evidence; `deformation` is as in `tail_ratio` [rad]."""
+        """Start without evidence; `deformation` is that of `tail_ratio` [rad]."""
         self._settings, self._deformation = settings, deformation
         self.restart()
 
