@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node that serves a web page, which shows moving chains and sends commands to them."""
+"""Node that serves a web page. The page shows moving chains and sends commands to them."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Catalogue of the bags in the configured folders, and the trajectory of the soliton in a bag."""
+"""Catalogue of recorded bags, and reading of the soliton trajectory from a bag."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ PLAYED = (
     interfaces.SOLITON_STATE.name,
     interfaces.LAST_KICK.name,
 )
-"""Names of the topics that a replay publishes, without namespace. Commands are left out, because
-they could drive a real chain."""
+"""Names of the topics that a replay publishes, without namespace. A replay publishes no commands,
+because they could drive a real chain."""
 _MOST_BAGS = 200
-"""Largest number of listed bags [1]; older bags are not listed."""
+"""Largest number of listed bags [1]. Older bags are not listed."""
 _TRACK_POINTS = 500
-"""Approximate number of points of the trajectory on the time line [1], about one per pixel."""
+"""Approximate number of points of a trajectory [1], about one per pixel of the time line."""
 
 
 @dataclass(frozen=True)
 class CataloguedBag:
-    """Contents of a bag according to its metadata."""
+    """Contents of a bag, read from the metadata file."""
 
     name: str
     path: Path
@@ -54,11 +54,11 @@ class CataloguedBag:
         return self.time_of(self.end)
 
     def time_of(self, stamp: int) -> float:
-        """Return the time [s] from the start of the bag to a stamp [ns]; pauses do not count."""
+        """Return the time from the start of the bag to a stamp [ns], minus the pauses [s]."""
         return (stamp - self.start - metadata.time_in_gaps(self.gaps, self.start, stamp)) / SECOND
 
     def stamp_of(self, time: float) -> int:
-        """Return the stamp [ns] at `time` [s] after the start of the bag; pauses do not count."""
+        """Return the stamp [ns] for which `time_of` returns `time` [s]."""
         stamp = self.start + round(time * SECOND)
         for first, last in sorted(self.gaps):
             if first < stamp:
@@ -76,18 +76,18 @@ class BagTrack:
     """Trajectory of the soliton in a bag."""
 
     points: tuple[tuple[float, float | None], ...]
-    """Pairs of a time since the start of the bag [s] and the site coordinate of the soliton [rotor
-    spacings], None without a soliton."""
+    """Time since the start of the bag [s] and site coordinate of the soliton [rotor spacings] for
+    each point. The site coordinate is None if the chain has no soliton at this time."""
     stamps: Array
     """Stamps of recorded messages [s], shape (n,)."""
     times: Array
-    """Reception time of each of these messages since the start of the bag [s], shape (n,)."""
+    """Reception times of these messages since the start of the bag [s], shape (n,)."""
 
     def time_of(self, stamp: float) -> float:
-        """Return the time since the start of the bag [s] of a stamp [s]; NaN if none is recorded.
+        """Convert a stamp [s] to the time since the start of the bag [s].
 
-        On a busy computer, the delay between stamp and reception varies during a recording.
-        Therefore the delay of the nearest recorded stamp is used.
+        The delay between stamp and reception varies during a recording. Therefore the delay of the
+        message with the nearest stamp is added. The result is NaN if the track has no messages.
         """
         if not self.stamps.size:
             return math.nan
@@ -96,17 +96,17 @@ class BagTrack:
 
 
 NO_TRACK = BagTrack((), np.zeros(0), np.zeros(0))
-"""Track without messages: it has no point, and the time of each stamp is NaN."""
+"""Track without messages."""
 
 
 class BagCatalogue:
-    """Catalogue of the bags that are directly in the configured folders, not in subfolders."""
+    """Catalogue of the bags in the configured folders, without their subfolders."""
 
     def __init__(self, folders: Sequence[Path]) -> None:
         self.folders = tuple(folder.resolve() for folder in folders)
 
     def bags(self) -> list[CataloguedBag]:
-        """Return the newest 200 readable bags, the newest bag first."""
+        """Return at most 200 readable bags, the newest bag first."""
         found = [
             bag
             for folder in self.folders
@@ -117,7 +117,7 @@ class BagCatalogue:
         return found[:_MOST_BAGS]
 
     def bag(self, name: str) -> CataloguedBag:
-        """Return the bag with the name `name`; ValueError if no folder contains it."""
+        """Return the bag with this name. Raises ValueError if no folder contains the bag."""
         for bag in self.bags():
             if bag.name == name:
                 return bag
@@ -128,7 +128,7 @@ class BagCatalogue:
 
 
 def track_of(bag: CataloguedBag) -> BagTrack:
-    """Read the trajectory of the soliton from a bag; ValueError if the bag cannot be read."""
+    """Read the soliton trajectory from a bag. Raises ValueError if the bag cannot be read."""
     with open_bag(bag.path) as reader:
         topics = {each.name.rpartition('/')[2]: each for each in reader.topics}
         states = topics.get(interfaces.SOLITON_STATE.name)

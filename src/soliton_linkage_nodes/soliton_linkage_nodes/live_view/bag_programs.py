@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Processes of the recorder and the player."""
+"""Start, control and stop of the recorder and of the player for the page."""
 
 from __future__ import annotations
 
@@ -31,14 +31,13 @@ _PLAYER = 'bag_player'
 _POLL_INTERVAL = 0.05
 """Poll interval while waiting for a recorder or an analyser [s]."""
 _LONGEST_ANALYSIS = 5.0
-"""After a recording, the page waits at most this long for the state of the last frame [s]."""
+"""Longest wait for the soliton_state of the last frame before the recorder is stopped [s]."""
 _MOST_STEPS = 20
-"""After a seek, a paused replay plays at most this number of messages to show a frame [1]."""
+"""Largest number of messages that a paused replay plays after a seek to show a frame [1]."""
 _STEP_INTERVAL = 0.02
-"""Pause after each message that is played after a seek, so that the page can receive it [s]."""
+"""Pause after each of these messages, in which the page receives the message [s]."""
 _LONGEST_SEEK = 30.0
-"""After the last step of a paused replay, the page waits at most this long for a frame and its
-state [s]."""
+"""Longest wait for a frame and its soliton_state after the last of these messages [s]."""
 _RESULTS = {
     'pause': 'paused',
     'resume': 'resumed',
@@ -46,11 +45,11 @@ _RESULTS = {
     'snapshot': 'wrote the snapshot',
 }
 CommandsOf = Callable[[str], ChainCommands]
-"""Function that returns the commands to the nodes in a namespace."""
+"""Function that returns the object for sending commands to the nodes in a namespace."""
 
 
 class _BagProgram:
-    """Node that the page starts as a child process and controls by services."""
+    """Node that the page starts as a child process and controls by service calls."""
 
     def __init__(self, node: str, finder: ChainFinder, commands: CommandsOf) -> None:
         self.running = False
@@ -58,7 +57,7 @@ class _BagProgram:
         self._processes: ChildProcesses | None = None
 
     def poll(self) -> str:
-        """Return the error if the process has failed since the last call, otherwise ''."""
+        """Return the error if the process has failed since the last call, or ''."""
         if self._processes is None or not self.running:
             return ''
         try:
@@ -106,7 +105,7 @@ class BagRecording(_BagProgram):
 
     @property
     def report(self) -> NodeReport | None:
-        """Last report of the recorder, or None if there is none from the last 3.5 s."""
+        """Last report of the recorder, or None if the recorder has not reported for 3.5 s."""
         received_at, report = self._finder.reports.get(
             f'{self.namespace}{_RECORDER}', (-REPORT_TIMEOUT, None)
         )
@@ -128,7 +127,7 @@ class BagRecording(_BagProgram):
         return ''
 
     async def start(self, namespace: str, snapshot: float = 0.0) -> str:
-        """Start a recorder as `begin` does, and wait until it is connected to all publishers."""
+        """Start a recorder with `begin`, and wait until it is connected to all publishers."""
         name = self.begin(namespace, snapshot)
         while self.running and not (self.report and self.report.message.startswith('recording')):
             await asyncio.sleep(_POLL_INTERVAL)
@@ -137,10 +136,10 @@ class BagRecording(_BagProgram):
         return f'recording to {name}_0'
 
     def begin(self, namespace: str, snapshot: float = 0.0) -> str:
-        """Start a recorder of the chain in a namespace; return the name of the recording.
+        """Start a recorder of the chain in a namespace, and return the name of the recording.
 
-        If `snapshot` > 0, the recorder keeps only the last `snapshot` seconds in memory, and
-        writes them when the request `snapshot` arrives.
+        If `snapshot` > 0, the recorder stores only the messages of the last `snapshot` [s] in
+        memory. It writes them to the bag when it receives the request `snapshot`.
         """
         if self._folder is None or self.rejection:
             raise ValueError(self.rejection)
@@ -154,7 +153,7 @@ class BagRecording(_BagProgram):
         return name.name
 
     async def stop(self) -> str:
-        """Stop the recorder, which completes the bag."""
+        """Stop the recorder. The recorder completes the bag before it ends."""
         self._commands(self.namespace).check_writable()
         if not self.running:
             raise ValueError('this page is not recording; press Record first')
@@ -171,7 +170,7 @@ class BagRecording(_BagProgram):
         return await self._request(self.namespace, name)
 
     async def _await_states(self) -> None:
-        """Wait at most 5 s for the soliton_state of the newest frame."""
+        """Wait until the soliton_state of the newest frame has arrived, at most 5 s."""
         chain = self._finder.chains.get(self.namespace)
         newest = chain.newest_frame if chain else 0
         deadline = time.monotonic() + _LONGEST_ANALYSIS
@@ -199,13 +198,13 @@ class BagReplay(_BagProgram):
 
     @property
     def namespace(self) -> str:
-        """Namespace of the replayed chain: /replay/, followed by the namespace in the bag."""
+        """Namespace of the replayed chain: /replay/, followed by the recorded namespace."""
         frames = [n for n in (self.bag.played if self.bag else []) if n.endswith('/joint_states')]
         return REPLAY + (frames[0].removesuffix('joint_states').lstrip('/') if frames else '')
 
     @property
     def position(self) -> float | None:
-        """Time since the start of the bag that the replay has reached [s], or None if unknown."""
+        """Time in the bag of the newest replayed frame, from the start [s]; None if unknown."""
         chain = self._finder.chains.get(self.namespace)
         if self.bag is None or chain is None or chain.model.frames == self._frames_before:
             return None
@@ -213,7 +212,7 @@ class BagReplay(_BagProgram):
         return None if math.isnan(at) else min(max(at, 0.0), self.bag.duration)
 
     async def play(self, name: str, start: float = 0.0) -> str:
-        """Play the bag `name`, beginning at `start` [s] after the start of the bag."""
+        """Play the bag with this name from the time `start` after the start of the bag [s]."""
         self._commands(self.namespace).check_writable()
         async with self._changing:
             return await self._play(name, start)
@@ -241,7 +240,7 @@ class BagReplay(_BagProgram):
         return f'playing {name}'
 
     async def pause(self, paused: bool) -> str:
-        """Pause or resume the replay; at the end of the bag, resuming plays it from its start."""
+        """Pause or resume the replay. If the replay has ended, resuming starts it again."""
         if self.bag is not None and not self.running and not paused:
             return await self.play(self.bag.name)
         answer = await self._request(REPLAY, 'pause' if paused else 'resume')
@@ -249,7 +248,7 @@ class BagReplay(_BagProgram):
         return answer
 
     async def seek(self, at: float) -> str:
-        """Continue the replay at the time `at` after the start of the bag [s]."""
+        """Continue the replay from the time `at` after the start of the bag [s]."""
         self._commands(self.namespace).check_writable()
         if self.bag is None:
             raise ValueError('no bag is playing')
@@ -300,7 +299,7 @@ class BagReplay(_BagProgram):
         return f'playing at {rate:g} × the recorded speed'
 
     async def set_loop(self, loop: bool) -> str:
-        """Set whether the replay repeats the bag; a running player restarts at its position."""
+        """Set whether the replay repeats the bag. This restarts the player at its position."""
         self._commands(self.namespace).check_writable()
         async with self._changing:
             self.loop = loop

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Present state of one chain, and its conversion to binary frames for the page."""
+"""Present state of one chain, and conversion of the state to binary messages for the page."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ from soliton_linkage_nodes.messages.frames import FrameReader
 from soliton_linkage_nodes.runtime.stamps import SECOND
 
 MOST_ANGLES = 1500
-"""Largest number of rotors that are drawn one by one [1]."""
+"""Largest number of rotors that the page draws one by one [1]."""
 _GROUPS = 1024
 """Number of rotor groups in the overview of a chain with more than twice as many rotors [1]."""
 _STATE_TIMEOUT = 1.0
-"""If the last soliton_state is older than this [s], the analyser is assumed to have stopped."""
+"""Age of the last soliton_state above which the analyser counts as stopped [s]."""
 _HISTORY_PERIOD = 1 / 30
 """Shortest time between two states in the history [s]."""
 _HISTORY_COLUMNS = 600
-"""Largest number of states in the history [1], enough for 20 s."""
+"""Largest number of states in the history [1], sufficient for 20 s."""
 _MINUTE = 60.0
-"""The HTML file that a user can save shows at most this much of the past [s]."""
+"""Largest time span in the HTML file that a user can save [s]."""
 _MINUTE_COLUMNS = round(_MINUTE / _HISTORY_PERIOD)
 _MINUTE_NUMBERS = 1_800_000
 """Largest number of angles in the HTML file that a user can save [1] (7 MB of memory)."""
 _HISTORY_NUMBERS = 400_000
-"""Largest number of values in the history [1] (1.6 MB). The history of a long chain is therefore
-shorter."""
+"""Largest number of values in the history [1] (1.6 MB). For a long chain this limit shortens the
+history."""
 
 
 class Moment(NamedTuple):
@@ -47,28 +47,28 @@ class Moment(NamedTuple):
     angles: Floats
     """Angles [rad], shape (N,)."""
     solitons: list[float]
-    """Position [rotor spacings], standard deviation [m] and charge of each soliton, in one
-    list."""
+    """Flat list of three numbers per soliton: position [rotor spacings], standard deviation of the
+    position [m] and charge."""
     energies: Mapping[str, float]
-    """Numbers from the soliton_state by field name: the `ENERGIES` [J] and others."""
+    """Numbers in the soliton_state by name. Among them are the `ENERGIES` [J]."""
 
 
 class ChainModel:
-    """Newest messages of one chain, and its recent history."""
+    """Present state of one chain according to the newest messages, and the recent history."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self.named: NamedChain | None = None
         self.error = ''
-        """Reason why joint_states cannot be shown."""
+        """Reason why joint_states cannot be shown, or ''."""
         self.version = 0
         self.rate = math.nan
         self.frames = 0
         self.goal = math.nan
         """Goal of the current move [rotor spacings]."""
         self.bag_time = math.nan
-        """Time since the start of the replayed bag [s], NaN without a replay."""
+        """Position of the replay, from the start of the bag [s]; NaN without a replay."""
         self.history: deque[Column] = deque(maxlen=_HISTORY_COLUMNS)
-        """Recent states. A page that is opened later begins with these states."""
+        """Recent states, which a newly opened page shows at first."""
         self.stamp = math.nan
         self.rates: Array | None = None
         """Latest angular velocities [rad/s], shape (N,), or None if they are not published."""
@@ -82,17 +82,17 @@ class ChainModel:
 
     @property
     def rotors(self) -> int:
-        """Number of rotors, 0 if unknown."""
+        """Number of rotors, or 0 if the number is unknown."""
         return len(self.angles) or (self.named.rotors if self.named else 0)
 
     @property
     def state_age(self) -> float:
-        """Age of the latest soliton_state [s], infinite before the first message."""
+        """Age of the latest soliton_state [s]; infinite before the first one."""
         return self._clock() - self._state_received_at
 
     @property
     def delay(self) -> float:
-        """Time by which soliton_state lags behind joint_states [s]; NaN without an analyser."""
+        """Delay of soliton_state relative to joint_states [s]; NaN if no analyser publishes."""
         return self.stamp - self._state_stamp if self.state_age < _STATE_TIMEOUT else math.nan
 
     @property
@@ -100,13 +100,13 @@ class ChainModel:
         return self.numbers.get('state_stamp', self.stamp)
 
     def set_chain(self, named: NamedChain) -> None:
-        """Set the parameters of the chain."""
+        """Set the chain and its joint names. A changed chain deletes the history."""
         if named != self.named:
             self.named = named
             self._reset(FrameReader(named.joint_names))
 
     def update_joints(self, joints: JointStates) -> None:
-        """Store new joint states; set `error` instead if they cannot be shown."""
+        """Store new joint states. If they cannot be shown, only set `error`."""
         known = self.named.joint_names if self.named else None
         try:
             if self._reader is None or (known is None and self._reader.joint_names != joints.name):
@@ -124,9 +124,10 @@ class ChainModel:
         self._update_derived()
 
     def extend_history(self, joints: JointStates, numbers: Mapping[str, float]) -> None:
-        """Add joint states to the history without showing them, at most 30 per second.
+        """Add joint states to the history without showing them.
 
-        `numbers` are the values of the soliton_state with the same stamp.
+        The history has at most 30 states per second. `numbers` are the values of the soliton_state
+        with the same stamp.
         """
         stamp = joints.stamp / SECOND
         if self._reader is None or not stamp >= self._column_stamp + _HISTORY_PERIOD:
@@ -138,18 +139,21 @@ class ChainModel:
         self._add_column(stamp, numbers, overview(self._lean(angles)))
 
     def clear_state(self) -> None:
-        """Delete the values of the last soliton_state, before a frame without one is stored."""
+        """Delete the values of the last soliton_state."""
         self.numbers: dict[str, float] = {}
         self._solitons: list[float] = []
         self._state_received_at = -math.inf
 
     def update_state(self, numbers: dict[str, float], solitons: list[float]) -> None:
-        """Store the values of a soliton_state. `solitons` has the form of `Moment.solitons`."""
+        """Store the values of a soliton_state. `solitons` is a list like `Moment.solitons`."""
         self.numbers, self._solitons = numbers, solitons
         self._state_received_at = self._clock()
 
     def update_rate(self, sequence: int | None) -> None:
-        """Update the rate of joint_states from the sequence number of a message, if it has one."""
+        """Update the rate of joint_states from the sequence number of a message.
+
+        Without a sequence number, the rate does not change.
+        """
         now = self._clock()
         if sequence is None:
             return
@@ -160,7 +164,7 @@ class ChainModel:
             self._counted = (now, sequence)
 
     def packed(self, index: int, first: int, last: int) -> bytes:
-        """Return the present state as a frame with details of the rotors `first` to `last`.
+        """Return the present state as a binary frame with details of the rotors `first` to `last`.
 
         `index` is the index of the chain in the status.
         """
@@ -189,9 +193,9 @@ class ChainModel:
         return pack(numbers, arrays)
 
     def description(self) -> dict[str, Any]:
-        """Return the constants of the chain that the page needs for drawing, as JSON values.
+        """Return the chain parameters that the page needs for drawing, as JSON values.
 
-        `spacing` is None if the chain is unknown.
+        If the chain is unknown, `spacing` is None.
         """
         if self.named is None:
             return {'error': self.error, 'spacing': None}
@@ -199,7 +203,10 @@ class ChainModel:
         return {'error': self.error, 'rotors': self.named.rotors, **constants}
 
     def shared(self, title: str) -> str:
-        """Return an HTML page that shows the last minute; ValueError without chain or frame."""
+        """Return an HTML page that shows the last minute.
+
+        Raises ValueError if the chain is unknown or no frame has arrived.
+        """
         if self.named is None:
             raise ValueError('the chain is unknown: no node publishes the topic chain')
         recent = list(self._minute)
@@ -223,7 +230,7 @@ class ChainModel:
 
     def _clear(self) -> None:
         self.angles = np.zeros(0)
-        """Latest angles [rad], shape (N,), NaN for missing joints."""
+        """Latest angles [rad], shape (N,). The angles of missing joints are NaN."""
         self.clear_state()
         self._column_at = -math.inf
         self._overview: Floats = np.zeros(0, dtype=np.float32)
@@ -272,10 +279,10 @@ class ChainModel:
 
 
 def overview(lean: Array) -> Floats:
-    """Return `lean`, the displacements of the rotor tips along the chain, or a summary of them.
+    """Return the displacements of the rotor tips along the chain, `lean`, or a summary of them.
 
-    For more than 2048 rotors, the summary has the smallest and the largest displacement in each of
-    1024 groups of neighbouring rotors.
+    If the chain has more than 2048 rotors, the summary contains the smallest and the largest
+    displacement in each of 1024 groups of neighbouring rotors.
     """
     if len(lean) <= 2 * _GROUPS:
         return np.asarray(lean, dtype=np.float32)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Subscriptions to all chains of a ROS graph, one chain in each namespace."""
+"""Subscriptions to the topics of all chains in a ROS graph. A namespace contains one chain."""
 
 from __future__ import annotations
 
@@ -25,31 +25,31 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription, subscribe_newest
 
 REPORT_TIMEOUT = 3.5
-"""A node whose last report is older than this [s] is assumed to have stopped. Nodes report every 1
-s."""
+"""Age of the last report above which a node counts as stopped [s]. Nodes report every second."""
 _SEARCH_INTERVAL = 0.5
-"""Time between two searches of the graph [s]; a search takes about 1 ms."""
+"""Time between two searches for chains in the graph [s]. A search takes about 1 ms."""
 _PAIRED = 200
-"""Largest number of frames waiting for states, and of states waiting for frames [1]."""
+"""Largest number of stored frames without a state, and of stored states without a frame [1]."""
 _SILENCE = 0.5
-"""If no soliton_state has arrived for this time [s], frames are shown without a state."""
+"""Time without soliton_state after which frames are shown without a state [s]."""
 _LONGEST_WAIT = 2.0
-"""After this time without a frame and a state of equal stamps [s], the newest of each are shown,
-because an analyser may use other stamps than the encoders."""
+"""If no frame and state have equal stamps for this time [s], the newest frame and the newest state
+are shown together, because an analyser may use other stamps than the encoders."""
 _LATE_SPAN = 10.0
 """Time window for the fraction of missed deadlines [s]."""
 _CHANGES = 3
-"""Number of decreases of the sequence number from which on a topic has several publishers [1]."""
+"""A topic counts as having several publishers if the sequence number of its messages decreases at
+least this many times within `_CHANGE_SPAN` [1]."""
 _CHANGE_SPAN = 4.0
-"""Time window in which these decreases are counted [s]."""
+"""Time window in which decreases of the sequence number are counted [s]."""
 _MOST_CHAINS = 16
 """Largest number of chains that the page shows [1]."""
 _MOST_BYTES = 4_000_000
-"""A camera picture above this size, about 12 megapixels, is not sent to a page [B]."""
+"""Largest camera picture that is sent to a page [B]. It has about 12 megapixels."""
 
 
 class CameraTopic:
-    """Topic `camera_overlay` of a namespace, subscribed only while a page shows the pictures."""
+    """Subscription to `camera_overlay` that exists only while a page shows the pictures."""
 
     def __init__(self, node: Node, namespace: str) -> None:
         self.pictures = 0
@@ -70,7 +70,7 @@ class CameraTopic:
         return f'no node publishes {interfaces.CAMERA_OVERLAY.name}; start camera_encoders'
 
     def show(self, shown: bool) -> None:
-        """Subscribe if a page shows the pictures (`shown`), otherwise unsubscribe."""
+        """Subscribe if `shown` is true, otherwise unsubscribe."""
         if shown and self._publishers and self._subscription is None:
             self._subscription = subscribe_newest(
                 self._node, interfaces.CAMERA_OVERLAY, self._name
@@ -119,10 +119,10 @@ class CameraTopic:
 
 
 class Sources:
-    """Detector of several publishers that send messages on one topic at the same time.
+    """Detector that recognises whether several publishers send messages on one topic.
 
-    The sequence number of a message decreases if the message before came from another publisher. A
-    node that restarts, and whose old publisher is still in the ROS graph, causes this only once.
+    Each publisher numbers its own messages. Where messages of two publishers alternate, the number
+    therefore decreases again and again. After the restart of a node it decreases only once.
     """
 
     def __init__(self) -> None:
@@ -131,11 +131,11 @@ class Sources:
 
     @property
     def several(self) -> bool:
-        """Whether several publishers have sent messages in the last seconds."""
+        """Whether several publishers have sent messages in the last 4 s."""
         return time.monotonic() - self._changes[0] < _CHANGE_SPAN
 
     def add(self, number: int | None) -> None:
-        """Process the sequence number of a message, None if the middleware has none."""
+        """Process the sequence number of a message. None means that the number is unknown."""
         if number is None:
             return
         if number < self._number:
@@ -144,7 +144,7 @@ class Sources:
 
 
 class ChainTopics:
-    """Subscriptions to the topics of one chain; the namespace of the chain ends with a slash."""
+    """Subscriptions to the topics of one chain. Its namespace ends with a slash."""
 
     def __init__(self, node: Node, namespace: str) -> None:
         self.namespace = namespace
@@ -159,7 +159,7 @@ class ChainTopics:
         self._states = subscribe_newest(
             node, interfaces.SOLITON_STATE, f'{namespace}soliton_state', raw=True, depth=_PAIRED
         )
-        # Frames and states by their stamps [ns]. Each is kept until the other has arrived.
+        # Frames and states by their stamps [ns]. Each is stored until the other has arrived.
         self._frames: dict[int, JointStates] = {}
         self._analysed: dict[int, bytes] = {}
         self._shown_at = self._state_at = -math.inf
@@ -208,7 +208,7 @@ class ChainTopics:
 
     @property
     def conflict(self) -> str:
-        """Reason why the shown messages belong to several chains, or ''."""
+        """Warning that several nodes publish the same topic, or ''."""
         topics = (
             (interfaces.JOINT_STATES, self._joint_sources),
             (interfaces.SOLITON_STATE, self._state_sources),
@@ -217,15 +217,18 @@ class ChainTopics:
         return f'several nodes publish {mixed} at the same time; stop all but one' if mixed else ''
 
     def is_analysed(self, stamp: int) -> bool:
-        """Return whether the frame at `stamp` [ns] has its state, or no analyser publishes."""
+        """Return whether a state for the frame at `stamp` [ns] need not be awaited any more.
+
+        The state has arrived, or no analyser publishes states.
+        """
         silent = time.monotonic() - self._state_at > _SILENCE
         return silent or self.newest_state >= stamp
 
     def _show_frame(self, fresh: bool) -> None:
-        """Show the newest frame and the newest state that have equal stamps.
+        """Show the newest pair of a frame and a state with equal stamps.
 
-        If there have been none for 2 s, show the newest of each. Without an analyser, show the
-        newest frame alone. `fresh` is whether a frame has just arrived.
+        If no pair has arrived for 2 s, show the newest frame with the newest state. If no analyser
+        publishes states, show the newest frame alone. `fresh` is whether a frame has just arrived.
         """
         now = time.monotonic()
         if fresh and self._shown_at == -math.inf:
@@ -258,7 +261,7 @@ class ChainTopics:
         for kept in (self._frames, self._analysed):
             shown = _until(kept, paired[-1]) if paired else list(kept) if silent else []
             if kept is self._frames and not paired:
-                del shown[-1:]  # its state may still arrive
+                del shown[-1:]  # The state of the newest frame may still arrive.
             for stamp in shown:
                 del kept[stamp]
 
@@ -270,7 +273,7 @@ class ChainTopics:
         sources = len(self._chain.publishers)
         self._chain.adapt()
         if len(self._chain.publishers) < sources:
-            # The last message may be from the publisher that has ended.
+            # The last stored message may be from a publisher that has ended.
             self._chain.resubscribe()
 
     def close(self) -> None:
@@ -287,14 +290,15 @@ def _until(kept: Mapping[int, object], last: int) -> list[int]:
 class ChainFinder:
     """Chains in the ROS graph, and the latest report of each node.
 
-    `node` must not be added to an executor, because `update` takes its messages.
+    The method `update` receives the messages of `node`. Therefore `node` must not be added to an
+    executor.
     """
 
     def __init__(self, node: Node, expected: str) -> None:
         self.chains: dict[str, ChainTopics] = {expected: ChainTopics(node, expected)}
         self.reports: dict[str, tuple[float, views.NodeReport]] = {}
-        """Time of reception [s, monotonic clock] and content of the last report of each node. The
-        keys are full node names."""
+        """Reception time on the monotonic clock [s] and last report of each node, by full node
+        name."""
         self.nodes: list[str] = []
         self._node = node
         self._deadlines: dict[str, deque[tuple[float, ...]]] = {}
@@ -303,7 +307,7 @@ class ChainFinder:
         self._diagnostics = AdaptiveSubscription(node, interfaces.DIAGNOSTICS)
 
     def update(self) -> None:
-        """Process the newest messages of all chains, and search periodically for more chains."""
+        """Process the newest messages of all chains, and search for new chains every 0.5 s."""
         for chain in list(self.chains.values()):
             chain.update()
         for message, _ in self._diagnostics.waiting():
@@ -321,7 +325,7 @@ class ChainFinder:
             self._search()
 
     def late_share(self, namespace: str) -> float | None:
-        """Return the fraction of deadlines missed in the last ten seconds, or None if unknown."""
+        """Return the fraction of missed deadlines in the last 10 s, or None if it is unknown."""
         counts = self._deadlines.get(namespace)
         while counts and counts[0][0] < time.monotonic() - _LATE_SPAN:
             counts.popleft()
@@ -331,7 +335,7 @@ class ChainFinder:
         return max(0.0, min(1.0, (missed - missed_before) / (frames - before)))
 
     def drop(self, namespace: str) -> None:
-        """Remove a chain from the list until it is found again."""
+        """Remove a chain from the list. The next search may find it again."""
         chain = self.chains.pop(namespace, None)
         if chain is not None:
             chain.close()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Commands of the page to the nodes of a chain."""
+"""Commands that the page sends to the nodes of a chain."""
 
 from __future__ import annotations
 
@@ -29,18 +29,18 @@ from soliton_linkage_nodes.runtime.guarded import ACTION_QOS, SERVICE_QOS
 _ANSWER_TIMEOUT = 60.0
 """Longest wait for the answer to a command [s]. The page shows a warning after 2 s."""
 _ACCEPTED_TIME = 2.0
-"""If the actuator has accepted a command but published no last_kick within this time [s], the
-answer only states that the command was accepted."""
+"""Longest wait for the effect of an accepted command in last_kick [s]. After this time the answer
+only states that edge_actuator accepted the command."""
 _PARAMETERS_TIMEOUT = 3.0
 """Longest wait until the parameter services of a node are available [s]."""
 _POLL_INTERVAL = 0.02
 """Poll interval for an answer [s]."""
 _TILT_RESOLUTION = 1e-5
-"""The requested tilt counts as reached if the reported tilt differs by less than this [rad]."""
+"""Difference between requested and reported tilt below which the tilt counts as reached [rad]."""
 _MOVES = 0.5
-"""Speed above which a released soliton is not at rest [rotor spacings/s]."""
+"""Speed above which a released soliton counts as moving [rotor spacings/s]."""
 _CARRIED_OUT = 'commands carried out'
-"""Name of the value in edge_actuator's reports that counts the executed commands."""
+"""Name under which edge_actuator reports the number of executed commands."""
 READ_ONLY = 'this page is read-only; start live_view with read_only:=false to send commands'
 _PUBLISHED = (
     *(interfaces.NUDGE, interfaces.EDGE_COMMAND, interfaces.TILT, interfaces.JOINT_COMMANDS),
@@ -61,7 +61,7 @@ _PARAMETER_SERVICES = {
 
 
 class ChainCommands:
-    """Commands to the nodes in a namespace; each method returns an answer or raises ValueError."""
+    """Commands to the nodes in a namespace. A rejected command raises ValueError."""
 
     def __init__(self, node: Node, namespace: str, read_only: bool, finder: ChainFinder) -> None:
         self.namespace = namespace
@@ -95,7 +95,7 @@ class ChainCommands:
         return publisher.get_subscription_count() if publisher else 0
 
     def reaches(self, name: str) -> bool:
-        """Return whether a node receives or serves `name`, a topic, a service or move_soliton."""
+        """Return whether a node subscribes to, or serves, the topic, service or action `name`."""
         if name in self._publishers:
             return self.subscribers(name) > 0
         if name == interfaces.MOVE_SOLITON:
@@ -109,23 +109,23 @@ class ChainCommands:
             raise ValueError(READ_ONLY)
 
     async def nudge(self, speed: float) -> str:
-        """Nudge the edge with `speed` [rad/s]."""
+        """Publish a nudge with an angular speed [rad/s]."""
         return await self._send('nudge', views.number_to_msg(speed))
 
     async def drive(
         self, kind: str, edge: str, value: float, times: tuple[float, float, float], **wave: Any
     ) -> str:
-        """Send an edge_command, and return the answer.
+        """Publish an edge_command.
 
-        `value` has the unit of its `kind`. `times` are the duration, the ramp up and the ramp down
-        [s]. `wave` contains further fields of the message if it describes a waveform.
+        The unit of `value` depends on `kind`. `times` are duration, ramp up and ramp down [s].
+        `wave` contains the other fields of a waveform.
         """
         message = views.edge_command_of(kind, edge, value, *times, **wave)
         lasting = any(times) or bool(wave)
         return await self._send('edge_command', message, lasting)
 
     async def pull(self, pull: Pull, updated: Callable[[], Awaitable[None]]) -> str:
-        """Release a held soliton, and pull a rotor while `pull.held`; `updated` awaits a frame."""
+        """Release a held soliton, and pull a rotor while `pull.held`. `updated` awaits a frame."""
         self.check_writable()
         chain = self._chain
         named = chain.model.named if chain else None
@@ -163,7 +163,7 @@ class ChainCommands:
         raise ValueError(f'edge_actuator has no torque limit for {joint}')
 
     async def tilt(self, angle: float) -> str:
-        """Tilt the chain to `angle` [rad]; return '' if a newer tilt replaces this one."""
+        """Tilt the chain to `angle` [rad]. The answer is '' if a newer tilt replaces this one."""
         message = views.number_to_msg(angle)
         before = self._report('simulator')
         self._publish('tilt', message, 'simulator')
@@ -197,8 +197,8 @@ class ChainCommands:
     ) -> str:
         """Reset the simulated chain to the state with the name `state`.
 
-        The state 'soliton' needs `position` [rotor spacings] and `velocity` [m/s], and the state
-        'angles' needs `joints` [rad].
+        The state 'soliton' uses `position` [rotor spacings] and `velocity` [m/s]. The state
+        'angles' uses the angles of `joints` [rad].
         """
         request = views.reset_request(state, position, velocity, joints)
         answer = await self._call_own('simulator/reset', request)
@@ -221,9 +221,9 @@ class ChainCommands:
         return await self._call_own(f'chain_identifier/{name}', Trigger.Request())
 
     async def move_to(self, rotor: float, speed: float, position: float) -> str:
-        """Move the soliton from its present site coordinate, `position`, to `rotor`.
+        """Move the soliton from the site coordinate `position` to `rotor` [rotor spacings].
 
-        Both are in [rotor spacings]. At `speed` 0 [rotor spacings/s], soliton_steering chooses it.
+        If `speed` [rotor spacings/s] is 0, soliton_steering chooses the speed.
         """
         self.check_writable()
         goal = views.move_goal(rotor, speed)
@@ -259,9 +259,10 @@ class ChainCommands:
         raise ValueError(f'{move.state}: {move.message}')
 
     def follow(self, received_at: float, figures: Mapping[str, str]) -> None:
-        """Update the shown move from `figures`, the values in a report of soliton_steering.
+        """Update the shown move from the values in a report of soliton_steering, `figures`.
 
-        Only these reports show moves of other clients. `received_at` is the time of reception [s].
+        These reports also show moves that other clients request. `received_at` is the reception
+        time of the report [s].
         """
         if received_at <= self._reported_at or 'moves begun' not in figures:
             return
@@ -288,7 +289,7 @@ class ChainCommands:
         self.check_writable()
         move = self.move
         if move.foreign and move.under_way:
-            # A cancel request that names no goal cancels all goals.
+            # A cancel request without a goal identifier cancels all goals.
             name = f'{self.namespace}{interfaces.MOVE_SOLITON}/_action/cancel_goal'
             await self.call(name, CancelGoal, CancelGoal.Request())
         elif move.under_way:
@@ -300,11 +301,11 @@ class ChainCommands:
         )
 
     async def parameters(self, node: str) -> list[AdjustableParameter]:
-        """Return the adjustable parameters of a node, given by its full name."""
+        """Return the adjustable parameters of the node with this full name."""
         listed = await self._call_parameters(node, ListParameters, ListParameters.Request())
         request = DescribeParameters.Request(names=sorted(listed.result.names))
         answer = await self._call_parameters(node, DescribeParameters, request)
-        # A node returns no values at all if one of the requested parameters has no value.
+        # If one of the requested parameters has no value, a node returns no values at all.
         found = [each for each in answer.descriptors if views.is_adjustable(each)]
         request = GetParameters.Request(names=[each.name for each in found])
         values = (await self._call_parameters(node, GetParameters, request)).values
@@ -321,7 +322,7 @@ class ChainCommands:
         return f'{parameter.name} = {value}'
 
     async def call(self, name: str, service_type: Any, request: Any) -> Any:
-        """Call a service by its full name; ValueError if no node serves it."""
+        """Call the service with this full name. Raises ValueError if no node serves it."""
         client = self._client(name, service_type)
         if not client.service_is_ready():
             raise ValueError(f'no node serves {name}')
@@ -396,7 +397,7 @@ class ChainCommands:
         raise ValueError(f'{node} has no parameter services; it may have ended')
 
     async def _result_of(self, send: Callable[[], Any]) -> Any:
-        """Call `send` on the executor's thread, and return the result of its future."""
+        """Call `send` on the thread of the executor, and return the result of its future."""
         loop = asyncio.get_running_loop()
         result: asyncio.Future[Any] = loop.create_future()
 
@@ -427,7 +428,7 @@ class ChainCommands:
 
 
 def _new_rejection(before: NodeReport | None, report: NodeReport | None, topic: str) -> str:
-    """Return the reason of a rejection on `topic` between two reports, or '' if there is none."""
+    """Return why a command on `topic` was rejected between two reports, or '' if none was."""
     if report is None:
         return ''
     rejected = views.figure(report.figures, 'rejected')

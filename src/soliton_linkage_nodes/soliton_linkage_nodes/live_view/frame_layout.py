@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Layout of the binary messages to the page, which are frames, histories and camera pictures.
+"""Layout of the binary messages to the page: frames, histories and camera pictures.
 
-All numbers are little-endian. The first double is the index of the message's kind in `KINDS`. In a
-frame, the values of the `FIELDS` and the lengths of the `ARRAYS` follow as doubles, and then the
-arrays as float32.
+All numbers are little-endian. The first double is the kind of the message, an index of `KINDS`. In
+a frame it is followed by the values of the `FIELDS` and the lengths of the `ARRAYS`, as doubles.
+The arrays follow as float32.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ ENERGIES = ('kinetic', 'elastic', 'wall_energy', 'wake_energy')
 FIELDS = (
     'chain',  # index of the chain in the status
     'stamp',  # stamp of joint_states [s]
-    'age',  # age of joint_states at packing [s], infinite before the first message
+    'age',  # age of joint_states when the frame is packed [s]; infinite before the first message
     'state_age',  # age of soliton_state [s]
-    'state_stamp',  # stamp of soliton_state [s]; without soliton_state, that of joint_states
+    'state_stamp',  # stamp of soliton_state [s]; without soliton_state the stamp of joint_states
     'rotors',
     'first',  # rotor of the first element of `angles`
     'rotor',
@@ -43,7 +43,7 @@ FIELDS = (
     'winding_beyond',
     'charge',
     'zero_mode_rotor',
-    'bag_time',  # time of joint_states since the start of the replayed bag [s]
+    'bag_time',  # position of the replay, from the start of the bag [s]; NaN without a replay
     'goal',  # goal of the current move [rotor spacings]
 )
 ARRAYS = (
@@ -63,11 +63,11 @@ class Column(NamedTuple):
     """Stamp of the angles [s], stamp of the state [s], soliton position [rotor spacings], and the
     `ENERGIES` [J]."""
     overview: Floats
-    """Array `overview` of a frame, as in `ARRAYS`."""
+    """The array `overview` in `ARRAYS`."""
 
 
 def pack(numbers: Mapping[str, float], arrays: Mapping[str, Array | Floats]) -> bytes:
-    """Return a frame as bytes; missing fields are NaN, and missing arrays are empty."""
+    """Return a frame as bytes. Missing fields are NaN, and missing arrays are empty."""
     empty = np.zeros(0, dtype='<f4')
     with np.errstate(over='ignore'):
         parts = [np.asarray(arrays.get(name, empty), dtype='<f4') for name in ARRAYS]
@@ -77,13 +77,12 @@ def pack(numbers: Mapping[str, float], arrays: Mapping[str, Array | Floats]) -> 
 
 
 def pack_history(chain: int, columns: Iterable[Column]) -> bytes:
-    """Return the history message of a chain, which contains its past states `columns`.
+    """Return a message with the past states of a chain, `columns`.
 
-    `chain` is the index of the chain in the status. The message begins with these doubles: kind,
-    chain index, number of columns, length of the `overview` of a column, and length of the
-    `numbers` of a column. The `numbers` of all columns follow as doubles, and then the `overview`
-    of all columns as float32. A column is left out if its `overview` has another length than that
-    of the latest column.
+    `chain` is the index of the chain in the status. The message begins with five doubles: kind,
+    chain index, number of columns, length of `overview` and length of `numbers` in a column. The
+    `numbers` of all columns follow as doubles. The `overview` of all columns follow as float32. A
+    column is left out if its `overview` is not as long as the `overview` of the last column.
     """
     kept = list(columns)
     height = kept[-1].overview.size if kept else 0
@@ -95,5 +94,9 @@ def pack_history(chain: int, columns: Iterable[Column]) -> bytes:
 
 
 def pack_camera(chain: int, stamp: float, age: float, jpeg: bytes) -> bytes:
-    """Return a picture message: doubles (kind, chain index, stamp [s], age [s]), then the JPEG."""
+    """Return a message with a camera picture.
+
+    The message begins with four doubles: kind, chain index, stamp [s] and age [s]. The JPEG bytes
+    follow.
+    """
     return np.array([CAMERA, chain, stamp, age], dtype='<f8').tobytes() + jpeg

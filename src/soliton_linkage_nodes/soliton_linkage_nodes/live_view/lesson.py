@@ -21,18 +21,19 @@ DISORDERED = '/disordered/'
 _SPEED = 10.0
 """Angular speed of a nudge [rad/s], as in the demo."""
 _SPEEDS = (5.0, 10.0, 20.0)
-"""Angular speeds of the three nudges in the second experiment [rad/s]."""
+"""Angular speeds of the three nudges in the experiment `speed` [rad/s]."""
 _DISORDER = 0.02
-"""Relative standard deviation of the lengths of the disordered chain [1]."""
+"""Relative standard deviation of the rotor lengths in the disordered chain [1]."""
 _MIDDLE = (0.3, 0.7)
-"""The soliton speed is measured between these positions, far from the edges [chain lengths]."""
+"""Positions between which the soliton speed is measured, far from the edges [chain lengths]."""
 _TIMEOUT = 60.0
 """Longest wait in each step of an experiment [s], for example for a passage of the soliton."""
 _CONNECTION_TIME = 10.0
-"""A kick that fails is repeated for this time [s], because a new actuator has to connect first."""
+"""Time for which a failed kick is repeated [s]. A new actuator needs time to connect."""
 _NODES = ('simulator', 'edge_actuator', 'soliton_analyser')
 _TURN = 1.0
-"""A rotor spins if the soliton, passing there and back, turns it by more than this [rad]."""
+"""A rotor spins if two passages of the soliton, there and back, turn it by more than this angle
+[rad]. Otherwise it flips back."""
 
 
 class Sample(NamedTuple):
@@ -47,7 +48,7 @@ class Sample(NamedTuple):
 
 
 def velocity(samples: Sequence[Sample]) -> float:
-    """Return the velocity of the soliton [rotor spacings/s], positive towards the last rotor."""
+    """Return the velocity of the soliton, positive towards the last rotor [rotor spacings/s]."""
     stamps = np.array([each.stamp for each in samples])
     rotors = np.array([each.rotor for each in samples])
     return float(np.polyfit(stamps - stamps[0], rotors, 1)[0])
@@ -56,14 +57,14 @@ def velocity(samples: Sequence[Sample]) -> float:
 class Laboratory:
     """Experiments on the chain in a namespace.
 
-    `watch` makes the page show the chain in another namespace.
+    `watch` is a function that makes the page show the chain in another namespace.
     """
 
     def __init__(self, view: View, namespace: str, watch: Callable[[str], None]) -> None:
         self._view, self._namespace, self._watch = view, namespace, watch
 
     async def nudge(self) -> str:
-        """Send a soliton through the chain; return its speed and energy as text."""
+        """Send a soliton through the chain. Report its speed and its energy."""
         passage = await self._send(_SPEED)
         energy = self._view.chains[self._namespace].model.numbers.get('wall_energy', math.nan)
         return (
@@ -84,7 +85,7 @@ class Laboratory:
         )
 
     async def turns(self) -> str:
-        """Determine whether the middle rotor flips back or spins when the soliton returns."""
+        """Determine whether the returning soliton turns the middle rotor back or further."""
         first = await self._send(_SPEED)
         second = await self._passage()
         before, there = first[0].turn, first[-1].turn
@@ -96,7 +97,7 @@ class Laboratory:
         )
 
     async def reflection(self) -> str:
-        """Compare the velocity and the zero mode before and after the soliton's reflection."""
+        """Compare velocity and zero mode before and after the reflection of the soliton."""
         there = await self._send(_SPEED)
         back = await self._passage()
         ends = [passage[-1].zero_mode for passage in (there, back)]
@@ -107,7 +108,7 @@ class Laboratory:
         )
 
     async def disorder(self) -> str:
-        """Compare the soliton speeds in this chain and in a chain with random length errors."""
+        """Compare the soliton speeds in this chain and in a chain with random rotor lengths."""
         named = self._view.chains[self._namespace].model.named
         if named is None:
             raise ValueError('the chain is unknown: no node publishes the topic chain')
@@ -173,14 +174,14 @@ class Laboratory:
                 await self._view.wait()
 
     async def _passage(self) -> list[Sample]:
-        """Return the states of the soliton while it crosses the middle of the chain."""
+        """Return the states of the soliton during its passage through the middle of the chain."""
         model = self._view.chains[self._namespace].model
         low, high = (share * (model.rotors - 1) for share in _MIDDLE)
         samples: list[Sample] = []
 
         def passed() -> bool:
             rotor = model.numbers.get('rotor', math.nan)
-            # A frame without a state, or with the state of another frame, does not end a passage.
+            # A passage ends only at a frame that is shown with its own state.
             old = bool(samples) and model.stamp <= samples[-1].stamp
             if math.isnan(rotor) or model.delay or old:
                 return False
@@ -206,7 +207,7 @@ class Laboratory:
 
 
 class GuidedExperiment(NamedTuple):
-    """Title and question of an experiment, with the method that measures the answer."""
+    """Title and question of an experiment, and the method that measures the answer."""
 
     title: str
     question: str

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Moves of the soliton, and pulls of a rotor by the pointer."""
+"""Moves of the soliton by soliton_steering, and pulls of a rotor with the pointer (mouse)."""
 
 from __future__ import annotations
 
@@ -18,18 +18,19 @@ UNDER_WAY = 'under way'
 _HELD = (MoveSoliton.Result.REACHED, MoveSoliton.Result.CANCELLED)
 """Outcomes of a move after which soliton_steering holds the soliton."""
 _ACCELERATION = 200.0
-"""Largest acceleration of a free rotor by the torque [rad/s^2]: 10 rad/s are reached in 0.05 s."""
+"""Largest angular acceleration that the torque gives to a free rotor [rad/s^2]. The rotor then
+reaches 10 rad/s in 0.05 s."""
 _STRETCH = 1.0
-"""Angle between rotor and pointer at which the spring reaches its largest torque [rad]."""
+"""Angle between rotor and pointer at which the torque of the spring is largest [rad]."""
 _TOP_SPEED = 20.0
-"""At this speed of the rotor, the damping torque equals the largest torque [rad/s]."""
+"""Angular speed of the rotor at which the damping torque equals the largest torque [rad/s]."""
 _DEAD_ZONE = 0.2
-"""Radius around the pivot within which the pointer causes no torque [rotor lengths]."""
+"""Radius of the circle around the pivot in which the pointer causes no torque [rotor lengths]."""
 
 
 @dataclass
 class Move:
-    """Last move of the soliton, requested by this page or another client."""
+    """Last move of the soliton, which this page or another client has requested."""
 
     state: str = ''
     """Name of the outcome, UNDER_WAY during the move, or '' before the first move."""
@@ -40,7 +41,7 @@ class Move:
     message: str = ''
     foreign: bool = False
     ended_at: float = math.inf
-    """Time of the outcome on the monotonic clock [s], infinite before the outcome."""
+    """End of the move on the monotonic clock [s]; infinite before the end."""
     handle: Any = field(default=None, repr=False)
 
     @property
@@ -50,12 +51,12 @@ class Move:
 
     @property
     def held(self) -> bool:
-        """Whether the soliton is held at the position at which the move ended."""
+        """Whether soliton_steering holds the soliton where the move ended."""
         return self.state in (views.OUTCOMES[code] for code in _HELD)
 
     @property
     def progress(self) -> float:
-        """Completed fraction of the distance from start to goal, 0 to 1."""
+        """Completed fraction of the distance from start to goal [1]."""
         distance = self.goal - self.start
         if not (math.isfinite(distance) and math.isfinite(self.rotor) and distance):
             return 0.0
@@ -63,7 +64,7 @@ class Move:
 
 
 def await_end(move: Move, handle: Any) -> None:
-    """Store the outcome in `move` as soon as the action goal of `handle` has a result."""
+    """Store the outcome in `move` as soon as the goal of the action, `handle`, has a result."""
     if handle is not None and handle.accepted:
         move.handle = handle
         handle.get_result_async().add_done_callback(lambda done: _conclude(move, done.result()))
@@ -77,7 +78,7 @@ def _conclude(move: Move, ended: Any) -> None:
 
 @dataclass
 class Pull:
-    """Pull of one rotor towards a point, modelled as a damped spring with a limited torque."""
+    """Pull of one rotor towards the pointer, like that of a damped spring with limited torque."""
 
     rotor: int
     x: float
@@ -87,15 +88,15 @@ class Pull:
     held: bool = True
 
     def point_to(self, x: float, z: float) -> None:
-        """Move the pointer to `x` and `z` [m]; ValueError unless both are finite."""
+        """Set the coordinates of the pointer [m]. Raises ValueError if one is not finite."""
         if not (math.isfinite(x) and math.isfinite(z)):
             raise ValueError(f'position ({x}, {z}) m of the pointer must be finite')
         self.x, self.z = float(x), float(z)
 
     def torque(self, chain: Chain, angles: Array, rates: Array | None, limit: float) -> float:
-        """Return the torque on the pulled rotor [N m], limited to +-`limit` [N m].
+        """Return the torque on the pulled rotor, whose magnitude is at most `limit` [N m].
 
-        The `angles` [rad] and `rates` [rad/s] of all rotors have shape (N,).
+        `angles` [rad] and `rates` [rad/s] are those of all rotors, shape (N,).
         """
         pivot = float(np.sum(chain.spacings[: self.rotor]))
         length = float(chain.rotor_lengths[self.rotor])

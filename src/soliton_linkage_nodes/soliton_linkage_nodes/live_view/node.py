@@ -27,7 +27,7 @@ _IDLE_PERIOD = 0.1
 
 @dataclass(frozen=True)
 class LiveViewParameters:
-    """Parameters of the page."""
+    """Parameters of the node that serves the live page."""
 
     host: str = quantity(
         '127.0.0.1',
@@ -50,13 +50,13 @@ class LiveViewParameters:
 
 
 class LiveView(GuardedNode):
-    """Node that serves a web page, which shows all chains and sends commands to them.
+    """Node that serves a web page. The page shows all chains and sends commands to them.
 
-    In each namespace with `joint_states` it also subscribes to `soliton_state`, `chain`,
-    `last_kick` and `camera_overlay`, publishes `nudge`, `edge_command`, `tilt` and
-    `joint_commands`, and calls services and the action `move_soliton`. It reads and publishes
-    `/diagnostics`. On request it starts a `bag_recorder`, and a `bag_player` in the namespace
-    `/replay`.
+    In each namespace with `joint_states` the node also subscribes to `soliton_state`, `chain`,
+    `last_kick` and `camera_overlay`. It publishes `nudge`, `edge_command`, `tilt` and
+    `joint_commands`, and it calls services and the action `move_soliton`. It subscribes to
+    `/diagnostics` and publishes its own reports on this topic. On request of a user it starts a
+    `bag_recorder`, and a `bag_player` in the namespace `/replay`.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {LiveViewParameters: ''}
@@ -100,19 +100,19 @@ class LiveView(GuardedNode):
         page.add(served, self.view, self.settings.lesson)
         self.server = server.PageServer(served, bound, token, self._tick, share)
         if token:
-            # The token is not logged, because the log of ROS is a public topic.
+            # Print the token instead of logging it, because the log of ROS is a public topic.
             print(f'open {self.address}', flush=True)
         else:
             self.get_logger().info(f'open {self.address}')
 
     @property
     def failure(self) -> Exception | None:
-        """Error that ended the web server, or None."""
+        """Error that ended the web server, or None if no error has occurred."""
         failure = self.server.failure
         return failure and ValueError(f'the web server of the page ended: {failure}')
 
     def destroy_node(self) -> None:
-        """End the streams, the recorder and the player, and destroy the node."""
+        """Stop the web server, the recorder and the player, and destroy the node."""
         self.server.stop()
         self.view.close()
         self._logs.cleanup()

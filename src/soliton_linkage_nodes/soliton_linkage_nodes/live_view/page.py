@@ -65,7 +65,7 @@ _REFRESH_PERIOD = 0.25
 _BUILD_TIMEOUT = 60.0
 """Time limit for building a page [s], sufficient on a busy machine."""
 _RECONNECT_TIMEOUT = 15.0
-"""A browser keeps its page if its connection is interrupted for less than this time [s]."""
+"""Longest interruption of the connection after which a browser keeps its page [s]."""
 _TABS = {
     'Drive': 'Push, move or tilt the chain. The answer to each command is shown here.',
     'Run': 'Pause, step, reset, speed up or slow down a simulated chain.',
@@ -75,7 +75,7 @@ _TABS = {
     'results and commands.',
     'Identify': 'Estimate the lengths of the rotors and springs of this chain from its motion.',
 }
-"""Explanation of each tab, at most three lines of the controls."""
+"""Explanation of each tab. It takes at most three lines on the page."""
 _EXPERIMENTS = 'Five experiments. Each asks a question, and measures the answer on this chain.'
 _LESSON = 'Lesson'
 _LESSON_TABS = (_LESSON, 'Drive', 'Run')
@@ -90,7 +90,7 @@ _DOCUMENTS = Path(__file__).with_name('docs')
 
 
 def add(served: FastAPI, view: View, lesson: bool) -> None:
-    """Add the page to an application; with `lesson` the page begins with guided experiments."""
+    """Add the page to a web application. If `lesson` is set, the page begins with experiments."""
     plots = _PLOTS.read_text(encoding='utf-8')
 
     @ui.page('/', response_timeout=_BUILD_TIMEOUT)
@@ -120,7 +120,7 @@ def add(served: FastAPI, view: View, lesson: bool) -> None:
 
 
 class Page:
-    """Page in one browser. A new page shows the first chain."""
+    """Page in one browser. Initially it shows the first chain."""
 
     def __init__(self, view: View, lesson: bool) -> None:
         self._view = view

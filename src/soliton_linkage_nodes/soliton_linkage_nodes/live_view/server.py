@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Web server of the page on its own thread, with access control."""
+"""Web server of the page with access control, on a thread of its own."""
 
 from __future__ import annotations
 
@@ -28,17 +28,21 @@ _PICTURES = Path(__file__).parent / 'docs' / 'pictures'
 _START_TIMEOUT = 30.0
 """Time limit for the start of the server [s]. NiceGUI needs several seconds on a busy machine."""
 _LONGEST_PERIOD = 0.2
-"""Under high load, the time between two calls of `tick` is increased, but not above this [s]."""
+"""Upper limit up to which a high load increases the time between two calls of `tick` [s]."""
 _LARGEST_MESSAGE = 65536
 """Largest accepted message from a browser [bytes]."""
 _COOKIE = 'soliton_linkage_live_view'
 _PUNCTUATION = '.,;:)\'"'
-"""Characters that are removed from the end of an address, because a user may copy them with it."""
+"""Characters that are removed from the end of the address that a user opens. The user may have
+copied them together with the address."""
 _REMEDY = 'open the address that live_view printed'
 
 
 def listening_socket(host: str, port: int) -> socket.socket:
-    """Return a socket bound to a host and a port (0 for any free one); ValueError on failure."""
+    """Return a socket that is bound to a host and a port. The port 0 selects any free port.
+
+    Raises ValueError if the port cannot be opened.
+    """
     family = socket.AF_INET6 if ':' in host else socket.AF_INET
     bound = socket.socket(family, socket.SOCK_STREAM)
     bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -58,8 +62,8 @@ def application(
 ) -> FastAPI:
     """Return the web application of the page.
 
-    `serve` handles the stream to one browser. `share` returns an HTML page with the last minute of
-    a chain.
+    `serve` handles the stream to one browser. `share` takes the namespace of a chain and returns
+    an HTML page with the last minute of this chain.
     """
     created = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     files = {path.name: path for path in _SCRIPTS.iterdir() if path.suffix in ('.js', '.css')}
@@ -92,7 +96,7 @@ def application(
 
 
 class PageServer:
-    """Web server in its own thread, which also calls `tick` periodically."""
+    """Web server in a thread of its own. The thread also calls `tick` periodically."""
 
     def __init__(
         self,
@@ -104,8 +108,9 @@ class PageServer:
     ) -> None:
         """Start the server on a bound socket.
 
-        `tick` returns the time until its next call [s]. The server increases this time so that its
-        load is at most a `share` of a processor core. Requests need the `token`, unless it is ''.
+        `tick` returns the time until its next call [s]. The server increases this time so that the
+        load of a processor core is at most `share` [1]. Requests must contain the `token`, unless
+        it is ''.
         """
         config = uvicorn.Config(
             Gate(served, token),
@@ -129,7 +134,7 @@ class PageServer:
             time.sleep(0.01)
 
     def stop(self) -> None:
-        """End the streams and the server."""
+        """Stop the streams and the server."""
         self._server.should_exit = True
         self._thread.join()
         self._socket.close()
@@ -163,14 +168,14 @@ class PageServer:
 def tick_period(wanted: float, spent: float, share: float) -> float:
     """Return the time until the next tick [s].
 
-    It is `wanted` [s] or, if this is larger, `spent` / `share`, but the latter only up to 0.2 s.
-    `spent` is the processor time since the last tick [s], and `share` is the largest load [1].
+    The time is `wanted` [s]. If the load of the processor would exceed `share` [1], the time is
+    increased, but to at most 0.2 s. `spent` is the processor time since the last tick [s].
     """
     return max(wanted, min(spent / share, _LONGEST_PERIOD))
 
 
 def is_loopback(host: str) -> bool:
-    """Return whether only this machine can reach a host."""
+    """Return whether a host name or address denotes this machine (a loopback address)."""
     if host == 'localhost':
         return True
     try:
@@ -182,10 +187,10 @@ def is_loopback(host: str) -> bool:
 class Gate:
     """Middleware that rejects requests and streams that do not come from the live page.
 
-    Without it, another web page in the same browser could send commands to the chain (DNS
-    rebinding). If a token is set, a request must contain it; otherwise, the host name in the
-    request must be a name of this machine. If the request states its origin, the origin must be
-    this server.
+    Without this check, another web page in the same browser could send commands to the chain (DNS
+    rebinding). If a token is set, a request must contain the token. Without a token, the host name
+    in the request must be a name of this machine. If a request states an origin, the origin must
+    be this server.
     """
 
     def __init__(self, guarded: ASGIApp, token: str = '') -> None:
@@ -193,7 +198,7 @@ class Gate:
         self._token = token
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Forward a request, or reject it with a reason."""
+        """Forward a request, or reject it and state the reason."""
         answer: ASGIApp = self._application
         if scope['type'] in ('http', 'websocket'):
             connection = HTTPConnection(scope)

@@ -26,13 +26,13 @@ _PAGE = 'live_view'
 _RESTART_DELAY = 1.0
 """Time from the end of a node to its restart [s]."""
 _MOST_RESTARTS = 100
-"""The program gives up after this number of restarts of nodes [1]."""
+"""Number of restarts of nodes after which the program ends with an error [1]."""
 _POLL_INTERVAL = 0.1
 """Poll interval for ended processes [s]."""
 
 
 def main() -> None:
-    """Run the nodes and the page of a configuration file until Ctrl-C."""
+    """Run the simulated chain of a parameter file and the page until Ctrl-C."""
     arguments = _arguments()
     stopping = stop_on_signals()
     output: Path = arguments.output

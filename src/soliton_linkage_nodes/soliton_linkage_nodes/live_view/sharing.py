@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Export of a recorded run to one HTML file that needs no server."""
+"""Export of a recorded run to a single HTML file that needs no server."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ if TYPE_CHECKING:
 
 _BROWSER = Path(__file__).with_name('browser')
 _MODULES = ('drawing.js', 'frames.js', 'chain.js', 'plots.js', 'share.js')
-"""Scripts of the viewer, each after the scripts that it imports."""
+"""Scripts of the viewer. Each script follows the scripts that it imports."""
 _MOST_VALUES = 850_000
-"""Largest number of angles and energies in a file [1], about 5 MB."""
+"""Largest number of angles and energies in a file [1]. They take about 5 MB."""
 _MOST_FRAMES = 6000
-"""Largest number of frames in a file [1], enough for 100 s at 60 Hz."""
+"""Largest number of frames in a file [1], sufficient for 100 s at 60 Hz."""
 _IMPORT = re.compile(r'^import .*?;\n', re.MULTILINE | re.DOTALL)
 
 
 def chain_constants(chain: Chain) -> dict[str, Any]:
-    """Return the constants of a chain that the page needs for drawing, as JSON values."""
+    """Return the chain parameters that the page needs for drawing, as JSON values."""
     deviating = chain.deviations.rotor_length or chain.deviations.spacing
     return {
         'spacing': chain.spacing,
@@ -46,7 +46,10 @@ def chain_constants(chain: Chain) -> dict[str, Any]:
 
 
 def soliton_numbers(walls: Sequence[MeasuredWall]) -> list[float]:
-    """Return position [rotor spacings], standard deviation [m] and charge of each soliton."""
+    """Return a flat list of three numbers per soliton.
+
+    The numbers are the position [rotor spacings], its standard deviation [m] and the charge.
+    """
     return [
         value
         for wall in walls
@@ -62,11 +65,11 @@ def shared_page(
     solitons: Sequence[Sequence[float]],
     energies: Mapping[str, Array] | None = None,
 ) -> str:
-    """Return an HTML page that shows T frames of N rotors; ValueError if T = 0.
+    """Return an HTML page that shows T frames of N rotors. Raises ValueError if T = 0.
 
-    `times` [s] and each of the `energies` [J] have shape (T,), and `angles` [rad] have shape (T,
-    N). `solitons` contains the `soliton_numbers` of each frame. Without `energies`, the elastic
-    energy is shown. Of a long recording, only every n-th frame is included.
+    `times` [s] and each of the `energies` [J] have shape (T,). `angles` [rad] have shape (T, N).
+    `solitons` contains the `soliton_numbers` of each frame. Without `energies`, the page shows the
+    elastic energy. If the recording is long, the page shows only every n-th frame.
     """
     if not len(times):
         raise ValueError('no frame is recorded yet; wait until joint_states are received')
@@ -101,7 +104,7 @@ def shared_page(
 
 
 def _inlined(name: str) -> str:
-    """Return a script module without imports and exports, so that scripts can be joined."""
+    """Return a script without import and export statements, so that scripts can be joined."""
     text = (_BROWSER / name).read_text(encoding='utf-8')
     return _IMPORT.sub('', text).replace('\nexport ', '\n')
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Status of chains and nodes for the page."""
+"""Status of the chains and of their nodes for the page."""
 
 from __future__ import annotations
 
@@ -17,14 +17,15 @@ REPLAY = '/replay/'
 _DROP_AGE = 30.0
 """Age above which a report is ignored [s]."""
 _LONGEST_DELAY = 0.2
-"""The page warns if soliton_state is delayed by more than this [s] and by more than
-`_FRAMES_BEHIND` frames."""
+"""The page warns if the delay of soliton_state exceeds this time [s] and also exceeds the duration
+of `_FRAMES_BEHIND` frames."""
 _ENDING = ('bag_player', 'bag_recorder')
 """Nodes that end in normal operation. The page does not warn if their reports are missing."""
 _FRAMES_BEHIND = 2
-"""Number of frames for `_LONGEST_DELAY` [1], above 1 because one frame is always in transit."""
+"""Number of frames by which soliton_state may be delayed without a warning [1]. It exceeds 1,
+because one frame is always in transit."""
 _LATE = re.compile('deadlines missed in the last second')
-"""Pattern of a warning that the page omits, because the page shows the fraction of late frames."""
+"""Pattern of a warning that the page omits, because it shows the fraction of late frames."""
 _PAUSED = re.compile(f'{_LATE.pattern}|^waiting for joint_states')
 """Pattern of the warnings that the page omits while a simulation is paused."""
 _SIMULATOR = 'only a simulator can do this; no simulator of this chain is running'
@@ -38,12 +39,13 @@ _NEEDS = {
     'move': ('move_soliton', 'no node serves move_soliton; start soliton_steering'),
     'identify': ('chain_identifier/identify', 'no node serves identify; start chain_identifier'),
 }
-"""Topic, service or action that each control needs, and why the control is disabled without."""
+"""Topic, service or action that each control needs, and the text that the page shows if it is
+missing."""
 CONTROLS = tuple(_NEEDS)
 
 
 def _reasons(chain: ChainTopics, commands: ChainCommands) -> dict[str, str]:
-    """Return for each control of a chain why it is disabled, '' if it is enabled."""
+    """Return the reason to disable each control of a chain. The reason '' enables the control."""
     if commands.read_only:
         return dict.fromkeys(CONTROLS, READ_ONLY)
     if chain.namespace.startswith(REPLAY):
@@ -55,7 +57,7 @@ def _reasons(chain: ChainTopics, commands: ChainCommands) -> dict[str, str]:
 
 
 def reports_of(finder: ChainFinder, namespace: str) -> list[tuple[float, NodeReport]]:
-    """Return the age [s] and the last report of each node in a namespace."""
+    """Return the last report of each node in a namespace, and the age of each report [s]."""
     now = time.monotonic()
     return [
         (now - received_at, report)
@@ -66,7 +68,7 @@ def reports_of(finder: ChainFinder, namespace: str) -> list[tuple[float, NodeRep
 
 
 def _health(finder: ChainFinder, chain: ChainTopics) -> dict[str, Any]:
-    """Return the frame rate, share of late frames, lost messages and warnings of a chain."""
+    """Return the frame rate, the fraction of late frames, the warnings and similar values."""
     figures: Mapping[str, str] = {}
     lost: int | None = None
     warnings, paused, replay = [], False, ''
@@ -105,7 +107,10 @@ def _health(finder: ChainFinder, chain: ChainTopics) -> dict[str, Any]:
 
 
 def gravity_of(finder: ChainFinder, namespace: str) -> tuple[float, float]:
-    """Return the gravity [m/s^2] and tilt [rad] that a simulator reports, NaN without a report."""
+    """Return the gravity [m/s^2] and the tilt [rad] that the simulator reports.
+
+    Without a report, both are NaN.
+    """
     for _, report in reports_of(finder, namespace):
         if 'gravity [m/s^2]' in report.figures:
             figures = report.figures

@@ -22,15 +22,20 @@ if TYPE_CHECKING:
     from fastapi import WebSocket
 
 _MOST_PENDING = 2
-"""Largest number of sent frames that a browser has not yet drawn [1]; one is always in transit."""
+"""Largest number of sent frames that a browser has not drawn yet [1]. It exceeds 1, because one
+frame is always in transit."""
 _HEARTBEAT = 0.2
-"""An unchanged frame is sent again after this time [s], so that the page can show its age."""
+"""Time after which an unchanged frame is sent again, so that the page can show its age [s]."""
 _MOST_TILE_ANGLES = 200
-"""If all chains are shown, single rotors are drawn in chains of at most this many rotors [1]."""
+"""Largest number of rotors of a chain that are drawn one by one while the page shows all chains
+[1]."""
 
 
 async def carry_out(view: View, name: str, arguments: Mapping[str, Any]) -> str:
-    """Carry out an action from the canvas, and return the answer; ValueError if it is rejected."""
+    """Carry out an action that the user requests on the drawing, and return the answer.
+
+    Raises ValueError if the action is rejected.
+    """
     namespace = str(arguments.get('chain', ''))
     if namespace not in view.chains:
         raise ValueError(f'no node publishes joint_states of the chain {namespace!r}')
@@ -54,7 +59,7 @@ async def carry_out(view: View, name: str, arguments: Mapping[str, Any]) -> str:
 
 
 class BrowserStream:
-    """Connection to a browser, which receives the newest frame after drawing an earlier one."""
+    """Connection to one browser. After drawing a frame, the browser receives the newest frame."""
 
     def __init__(self, socket: WebSocket, source: View) -> None:
         self.watched = next(iter(source.chains), '')
@@ -73,7 +78,7 @@ class BrowserStream:
         self._actions: set[asyncio.Task[None]] = set()
 
     async def run(self) -> None:
-        """Serve the browser until the socket raises an error."""
+        """Exchange messages with the browser until the socket raises an error."""
         await self._socket.send_text(json.dumps({'layout': LAYOUT}))
         tasks = [asyncio.ensure_future(task) for task in (self._send(), self._receive())]
         try:
@@ -118,7 +123,7 @@ class BrowserStream:
         await self._socket.send_bytes(packed)
 
     def _skipped(self, chain: ChainTopics) -> list[Column]:
-        """Return new columns of the history without the newest, which is sent as a frame."""
+        """Return the new columns of the history, except the newest, which is sent as a frame."""
         last = self._sent_stamps.get(chain.namespace, math.inf)
         self._sent_stamps[chain.namespace] = chain.model.stamp
         skipped = list(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""State behind the page: the chains, their commands, the recorder and the player."""
+"""State that all pages share: the chains, the recorder and the player."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from soliton_linkage_nodes.live_view.commands import ChainCommands
 from soliton_linkage_nodes.live_view.status import status_of
 
 ALL = '*'
-"""Namespace that selects all chains side by side."""
+"""Value in place of a namespace with which a page shows all chains side by side."""
 _STATUS_PERIOD = 0.25
 """Time between two updates of the status [s]. Nodes report once per second."""
 _MOST_FAILURES = 3
@@ -28,7 +28,7 @@ _MOST_FAILURES = 3
 
 
 class View:
-    """Present state of all chains, shared by the pages of all browsers."""
+    """Present state of all chains. The pages of all browsers share one instance."""
 
     def __init__(
         self, node: Node, finder: ChainFinder, folders: Sequence[Path], logs: Path, read_only: bool
@@ -42,9 +42,9 @@ class View:
         self.replay = BagReplay(self.catalogue, logs, finder, self.commands)
         self.status = ''
         self.sent = 0
-        """Number of frames sent to all browsers together."""
+        """Total number of frames sent to all browsers."""
         self.reasons: dict[str, dict[str, str]] = {}
-        """For each namespace: why each control is disabled, '' if it is enabled."""
+        """Reason to disable each control, by namespace and control. '' enables the control."""
         self._node = node
         self._failures: list[str] = []
         self._packed: dict[tuple[int, int, int], bytes] = {}
@@ -54,7 +54,7 @@ class View:
 
     @property
     def chains(self) -> Mapping[str, ChainTopics]:
-        """Chains by namespace, in the order of their indices."""
+        """Chains by namespace. Their order defines the index of a chain in the status."""
         return self.finder.chains
 
     def commands(self, namespace: str) -> ChainCommands:
@@ -67,11 +67,11 @@ class View:
 
     @property
     def versions(self) -> list[int]:
-        """Version numbers. At least one of them changes whenever `descriptions` changes."""
+        """List of version numbers. It changes whenever `descriptions` changes."""
         return [self.replay.played, *(c.model.version for c in self.chains.values())]
 
     def descriptions(self) -> dict[str, Any]:
-        """Return the constants of each chain and the soliton trajectory of the played bag."""
+        """Return the parameters of each chain and the soliton trajectory of the played bag."""
         chains = [
             {'name': namespace, **chain.model.description()}
             for namespace, chain in self.chains.items()
@@ -79,7 +79,10 @@ class View:
         return {'chains': chains, 'track': self.replay.track.points}
 
     def shared(self, namespace: str) -> str:
-        """Return an HTML page with the last minute of a chain; ValueError if it has no frames."""
+        """Return an HTML page with the last minute of a chain.
+
+        Raises ValueError if the chain has no frames.
+        """
         if namespace not in self.chains:
             raise ValueError('select another chain; no node publishes joint_states of this one')
         title = f'Soliton chain {namespace.strip("/")}'.strip()
@@ -88,7 +91,10 @@ class View:
         )
 
     def packed(self, index: int, chain: ChainTopics, first: int, last: int) -> bytes:
-        """Return a frame of chain number `index` with details of the rotors `first` to `last`."""
+        """Return the binary frame of a chain with details of the rotors `first` to `last`.
+
+        `index` is the index of the chain in the status.
+        """
         window = index, first, last
         if window not in self._packed:
             self._packed[window] = chain.model.packed(*window)
@@ -99,7 +105,7 @@ class View:
         await self._updated.wait()
 
     def update(self, cameras: Collection[str]) -> None:
-        """Process the newest messages, with camera pictures only of the namespaces `cameras`."""
+        """Process the newest messages. `cameras` are the namespaces whose pictures are shown."""
         self._packed.clear()
         self.finder.update()
         for namespace, chain in self.chains.items():
@@ -123,7 +129,7 @@ class View:
         updated.set()
 
     def close(self) -> None:
-        """End the recorder and the player, and destroy the clients."""
+        """Stop the recorder and the player, and destroy the clients."""
         self.recording.close()
         self.replay.close()
         for commands in self._commands.values():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Controls of the recorder and the player, and the list of bags."""
+"""Controls of the recorder and of the player, and the list of bags."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _REQUESTS = (
 
 
 class RecordControls:
-    """Buttons that control a recording."""
+    """Controls of a recording."""
 
     def __init__(self, view: View, page: Shown) -> None:
         self._view, self._page = view, page
@@ -58,7 +58,7 @@ class RecordControls:
         return await recording.start(self._page.namespace, value_of(kept))
 
     def refresh(self) -> None:
-        """Disable the controls that are not usable now, and show the state of the recording."""
+        """Disable the controls that have no effect now, and show the state of the recording."""
         recording = self._view.recording
         if not recording.running and self._page.namespace in self._view.chains:
             recording.namespace = self._page.namespace
@@ -113,7 +113,7 @@ class BagControls:
         self._list = ui.element('div').classes('live-bags').props('id=live-bags')
 
     def refresh(self) -> None:
-        """Disable the replay controls if no bag is open; list bags again after a recording."""
+        """Disable the replay controls if no bag is open. Update the list after a recording."""
         read_only = READ_ONLY if self._view.read_only else ''
         closed = '' if self._view.replay.bag else 'no bag is open; press Play beside a bag'
         self._transport.disable_for(read_only or closed)
@@ -128,7 +128,7 @@ class BagControls:
         self._listings += 1
         listing = self._listings
         bags = {bag.name: bag for bag in await asyncio.to_thread(self._view.catalogue.bags)}
-        # Keep the rows of unchanged bags, because a user may be about to press their buttons.
+        # Keep the rows of unchanged bags, because the user may be about to press their buttons.
         for name, (shown, row) in list(self._rows.items()):
             if shown is None or shown != bags.get(name):
                 row.delete()

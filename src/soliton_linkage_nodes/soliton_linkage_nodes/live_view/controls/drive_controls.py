@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Controls of a chain (nudge, edge commands, tilt, moves), and of the time of a simulation."""
+"""Controls of nudges, edge commands, tilts and moves, and of the run of a simulation."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from soliton_linkage_nodes.messages.view_conversions import STATES
 
 _KINDS = {'kick': 'kick [rad/s]', 'pulse': 'pulse [N m]', 'pressure': 'pressure [Pa]'}
 _DEFAULT_VALUES = {'kick': 10.0, 'pulse': 0.002, 'pressure': 20_000.0}
-"""Default value of each kind of edge command [rad/s, N m, Pa]; each value starts a soliton."""
+"""Default value of each kind of edge command, sufficient to start a soliton [rad/s, N m, Pa]."""
 _DEFAULT_NUDGE = 10.0
-"""The slider of the nudge starts at this angular speed [rad/s], as in the guided experiments."""
+"""Initial angular speed on the slider of the nudge [rad/s], as in the guided experiments."""
 _FASTEST_NUDGE = 50.0
 """Largest angular speed of a nudge on the slider [rad/s]."""
 _LARGEST_TILT = 0.5
 """Largest tilt on the slider [rad]."""
 _FACTORS = (0.01, 0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 0.0)
-"""Selectable real-time factors [1]; 0 runs as fast as possible."""
+"""Selectable real-time factors [1]. At 0 the simulation runs as fast as possible."""
 _EXAMPLE = 'write joint and angle, for example rotor_0: 1.2'
 
 _numbers = itertools.count()
@@ -34,15 +34,15 @@ Action = Callable[[], 'str | Awaitable[str]']
 
 
 class Shown(Protocol):
-    """Object with the namespace of the chain that a page shows."""
+    """Object that contains the namespace of the chain that a page shows."""
 
     namespace: str
 
 
 async def attempt(name: str, action: Action, long: bool = False) -> bool:
-    """Carry out an action and show its answer; return whether it has succeeded.
+    """Carry out an action, show its answer, and return whether the action has succeeded.
 
-    Unless an action is `long`, the page reports after 2 s that there is no answer yet.
+    After 2 s the page shows that no answer has arrived yet. It does not do so if `long` is set.
     """
     number = next(_numbers)
     show_answer(number, name, long=long)
@@ -62,7 +62,7 @@ def show_answer(
     """Show the state of an action.
 
     `number` identifies the action, and `text` is its answer. `good` is whether the action has
-    succeeded, or None before the answer.
+    succeeded. Before the answer, `good` is None.
     """
     state = {'id': f'control {number}', 'name': name, 'answer': text, 'good': good, 'long': long}
     ui.run_javascript(f'live.answers.show({json.dumps(state)})')
@@ -78,7 +78,7 @@ def button(
 ) -> ui.button:
     """Add a button that carries out an action by `attempt`.
 
-    `marker` is the HTML id. A `primary` button is filled. `long` is as in `attempt`.
+    `marker` is the HTML id. A `primary` button is filled. `long` is passed to `attempt`.
     """
 
     async def press() -> None:
@@ -90,13 +90,13 @@ def button(
 
 
 def number(label: str, value: float, unit: str, **props: Any) -> ui.number:
-    """Add a field for a number with its unit."""
+    """Add a field for a number, and show the unit in it."""
     created = ui.number(label, value=value, format='%g', **props).props('dense outlined')
     return created.props(f'suffix="{unit}"').classes('live-number')
 
 
 def scale(slider: ui.slider, low: float, high: float, unit: str) -> None:
-    """Set the range of a slider, and label its ends and its middle."""
+    """Set the range of a slider, and label both ends and the middle."""
     # Beyond the rounded ends the slider shows no label.
     low, high = (float(f'{end:.6g}') for end in (low, high))
     middle = (low + high) / 2
@@ -111,7 +111,7 @@ def hint(text: str) -> None:
 
 
 def value_of(entry: ui.number) -> float:
-    """Return the number in a field; raise ValueError if the field is empty."""
+    """Return the number in a field. Raises ValueError if the field is empty."""
     if entry.value is None:
         raise ValueError(f'{entry.props["label"]} is empty; enter a number')
     return float(entry.value)
@@ -128,7 +128,7 @@ class ControlGroup:
             self._reason = ui.label().classes('live-reason')
 
     def disable_for(self, reason: str) -> None:
-        """Show a reason and disable the controls; '' enables them."""
+        """Show a reason and disable the controls. If the reason is '', enable the controls."""
         if reason == self._shown:
             return
         self._shown = reason
@@ -155,16 +155,16 @@ class ChainControls:
         return self._view.commands(self._page.namespace)
 
     def _group(self, title: str, reason_of: str) -> ui.element:
-        """Add a group, and return the element for its controls.
+        """Add a group, and return the element to which its controls are added.
 
-        The status of a chain contains the reason to disable the group under the key `reason_of`.
+        `reason_of` is the key under which `refresh` receives the reason to disable the group.
         """
         group = ControlGroup(title)
         self._groups.append((group, reason_of))
         return group.body
 
     async def _set_in_simulator(self, name: str, control: ui.select | ui.slider) -> str:
-        """Set a parameter of the chain's simulator to the value of a control."""
+        """Set a parameter of the simulator to the value of a control."""
         commands = self._commands
         node = f'{commands.namespace}simulator'
         known = {each.name: each for each in await commands.parameters(node)}
@@ -261,7 +261,7 @@ class DriveControls(ChainControls):
             )
 
     def refresh(self, why: Mapping[str, str]) -> None:
-        """Disable each group for which `why` contains a reason, and show the present tilt."""
+        """Disable the groups for which `why` contains a reason, and show the present tilt."""
         super().refresh(why)
         commands = self._view.commands(self._page.namespace)
         usable = not why['move']
@@ -275,7 +275,7 @@ class DriveControls(ChainControls):
 
 
 class RunControls(ChainControls):
-    """Controls that pause, step and reset a simulation, and set its real-time factor."""
+    """Controls that pause, step and reset a simulation, and that set the real-time factor."""
 
     def __init__(self, view: View, page: Shown) -> None:
         super().__init__(view, page)
@@ -342,7 +342,10 @@ class RunControls(ChainControls):
 
 
 def joint_angles(text: str) -> dict[str, float]:
-    """Return the angle [rad] of each joint in a text 'rotor_0: 1.2, ...', or raise ValueError."""
+    """Return the angle of each joint [rad] from a text such as 'rotor_0: 1.2, rotor_1: 1.5'.
+
+    Raises ValueError if the text has another form.
+    """
     angles = {}
     for part in filter(None, (p.strip() for p in text.split(','))):
         name, _, value = part.partition(':')
@@ -356,6 +359,6 @@ def joint_angles(text: str) -> dict[str, float]:
 
 
 def reasons_for(view: View, namespace: str) -> dict[str, str]:
-    """Return for each control of a chain why it is disabled, '' if it is enabled."""
+    """Return the reason to disable each control of a chain. The reason '' enables the control."""
     missing = 'this chain is no longer published' if namespace else 'select one chain'
     return view.reasons.get(namespace) or dict.fromkeys(CONTROLS, missing)

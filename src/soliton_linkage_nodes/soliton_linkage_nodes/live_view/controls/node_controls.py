@@ -33,7 +33,7 @@ _HINT = (
 
 
 class IdentifyControls(ChainControls):
-    """Result of the identification, and buttons to identify, to save, and to forget all frames."""
+    """Controls of the chain identifier, and the result of the identification."""
 
     def __init__(self, view: View, page: Shown) -> None:
         super().__init__(view, page)
@@ -53,7 +53,7 @@ class IdentifyControls(ChainControls):
         hint(_HINT)
 
     def refresh(self, why: Mapping[str, str]) -> None:
-        """Disable the controls that are not usable now, and show the result."""
+        """Disable the controls that have no effect now, and show the result."""
         super().refresh(why)
         name = f'{self._page.namespace}chain_identifier'
         reports = reports_of(self._view.finder, self._page.namespace)
@@ -73,9 +73,9 @@ class IdentifyControls(ChainControls):
 
 
 def describe(report: NodeReport, progress: str = '') -> list[str]:
-    """Return the report of the chain identifier as lines.
+    """Return the report of the chain identifier as lines of text.
 
-    While an identification is running, `progress` is a text about it.
+    While an identification is running, `progress` describes its progress. Otherwise it is ''.
     """
     figures = report.figures
     found = 'noise [rad]' in figures
@@ -108,7 +108,7 @@ class ParameterControls:
         self._fields = ui.element('div').classes('live-parameters')
 
     def refresh(self) -> None:
-        """Update the list of nodes that are in the namespace of the chain."""
+        """Update the list of the nodes in the namespace of the chain."""
         namespace = self._page.namespace
         nodes = sorted(
             node for node in self._view.finder.nodes if node.rpartition('/')[0] + '/' == namespace
@@ -147,7 +147,7 @@ class ParameterControls:
             value = event.value if hasattr(event, 'value') else entry.value
             changed = await attempt('Set', lambda: commands.set_parameter(node, parameter, value))
             if not changed:
-                # The answer keeps showing the reason of the rejection.
+                # Keep the reason of the rejection on the page.
                 with contextlib.suppress(ValueError, OSError):
                     self._fill(node, await commands.parameters(node))
 
@@ -171,6 +171,6 @@ class ParameterControls:
 
 
 def description(parameter: AdjustableParameter) -> str:
-    """Return the description of a parameter with its allowed range."""
+    """Return the description and the allowed range of a parameter."""
     allowed = '' if parameter.range.choices else describe_range(parameter.range)
     return '; '.join(filter(None, (parameter.description, allowed)))

@@ -24,13 +24,13 @@ from soliton_linkage_nodes.live_view.view import View
 
 _UNITS = {'torque': 'N m', 'angle': 'rad'}
 _AMPLITUDES = {'torque': 0.002, 'angle': 0.1}
-"""Default amplitude of a torque [N m] and of an angle [rad], each of which moves a kink."""
+"""Default amplitude of a torque [N m] and of an angle [rad], sufficient to move a kink."""
 _LARGEST_COUPLING = 1e-3
-"""Largest non-reciprocity on the slider if the chain has no motors [N m/rad]."""
+"""Largest non-reciprocity on the slider if the non-reciprocity of the chain is 0 [N m/rad]."""
 
 
 class WaveControls(ChainControls):
-    """Controls of a waveform and of motors; the frequency slider shows the phonon band."""
+    """Controls of a waveform and of the motors. The frequency slider shows the phonon band."""
 
     def __init__(self, view: View, page: Shown) -> None:
         super().__init__(view, page)
@@ -97,7 +97,7 @@ class WaveControls(ChainControls):
             self._current = ui.label().classes('live-hint').props('id=live-motors role=status')
 
     def refresh(self, why: Mapping[str, str]) -> None:
-        """Disable each group with a reason in `why`, and mark the phonon band on the slider."""
+        """Disable the groups with a reason in `why`, and mark the phonon band on the slider."""
         super().refresh(why)
         shown = self._view.chains.get(self._page.namespace)
         named = shown.model.named if shown else None
@@ -112,7 +112,7 @@ class WaveControls(ChainControls):
         if known == replace(named.chain, non_reciprocity=known.non_reciprocity if known else 0.0):
             return
         largest = 2 * abs(kappa) or _LARGEST_COUPLING
-        # The slider rounds to the digits after the decimal point of the step.
+        # The slider rounds its value to as many decimal places as the step has.
         self._coupling.props(f'step={largest / 100:.12f}')
         scale(self._coupling, -largest, largest, 'N m/rad')
         self._coupling.value = kappa
