@@ -21,11 +21,11 @@ from soliton_linkage_nodes.messages.frames import FrameAssembler, FrameReader
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 
 _MOST_IMPULSES = 10_000
-"""Largest number of impulses of each kind, and of tilts, that are stored [1]."""
+"""Largest number of stored impulses of each kind, and of stored tilts [1]."""
 _MOST_UNMATCHED = 100
-"""Largest number of stored standard deviations whose frame is not stored [1]."""
+"""Largest number of messages with standard deviations that are stored without their frame [1]."""
 _Impulses = deque[tuple[int, Array | None]]
-"""Stamp [ns] and angular impulses [N m s], shape (N,), or None if only the stamp is known."""
+"""Stamps [ns] and angular impulses [N m s], shape (N,). Unknown impulses are None."""
 
 
 def _no_impulses() -> _Impulses:
@@ -35,14 +35,14 @@ def _no_impulses() -> _Impulses:
 class JointRecord:
     """Record of frames, impulses and tilts of a chain.
 
-    If delivered impulses were received, the commanded impulses are not used. A reset of a
-    simulated chain divides the record into several recordings.
+    If messages report delivered impulses, the record does not use the commanded ones. If a
+    simulated chain is reset, the record is divided into several recordings.
     """
 
     def __init__(self, joint_names: Sequence[str], most: int) -> None:
         """Create a record of at most `most` frames.
 
-        If `joint_names` is empty, the names in the first message are used.
+        If `joint_names` is empty, the record uses the names in the first message.
         """
         self.joint_names = tuple(joint_names)
         self.frames = 0
@@ -63,7 +63,7 @@ class JointRecord:
         return len(self._angles)
 
     def add(self, joints: JointStates) -> None:
-        """Add a message, and store the frames that this message completes or ends.
+        """Add a message, and store each frame that needs no further message.
 
         Late frames are not stored. Raises ValueError if the message or a frame is invalid.
         """
@@ -132,7 +132,7 @@ class JointRecord:
         self._tilts.append((received, tilt))
 
     def readings(self, gravity: Gravity = NO_GRAVITY) -> readings.Readings:
-        """Return the record in the form that an identification needs.
+        """Return the recordings in the form that an identification needs.
 
         `gravity` contains the gravitational acceleration, and the tilt before the first stored
         tilt.

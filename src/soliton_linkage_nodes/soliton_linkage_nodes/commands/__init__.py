@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sub-commands of `soliton-linkage` with the syntax and exit codes of `ros2`, for any ROS node.
 
-Each module has the entry point `main(arguments)`, except `visitor`, the node of a command.
+Each module has the entry point `main(arguments)`, except `visitor`, which contains the node that a
+command uses.
 """

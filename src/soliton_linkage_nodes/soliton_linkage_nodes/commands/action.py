@@ -80,7 +80,8 @@ def _send_goal(visitor: Visitor, options: argparse.Namespace) -> int:
 def _note_interrupt() -> threading.Event:
     """Return an event that the first Ctrl-C sets; the second one raises KeyboardInterrupt.
 
-    The first one does not, because inside rclpy's executor it could block later callbacks.
+    The first Ctrl-C raises no exception, because an exception inside rclpy's executor could block
+    later callbacks.
     """
     interrupted = threading.Event()
 

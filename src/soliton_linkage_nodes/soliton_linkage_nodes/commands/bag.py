@@ -10,7 +10,7 @@ from soliton_linkage_nodes.commands import run
 
 
 def main(arguments: list[str]) -> int:
-    """Run the program of the verb with its options and the ROS arguments; return its exit code."""
+    """Run the program for the verb of the command line, and return its exit code."""
     parser = PlainParser(prog='soliton-linkage bag', description=__doc__)
     verbs = parser.add_subparsers(dest='verb', metavar='VERB', required=True)
     info = verbs.add_parser('info', help='report the content of bags, by check_bag')

@@ -70,7 +70,8 @@ def _set(visitor: Visitor, options: argparse.Namespace) -> None:
     answer = visitor.call_node(node, SetParameters, parameters=[parameter])
     result = answer.results[0]
     if not result.successful:
-        # A node that is not of this suite gives the reasons of rclpy.
+        # Nodes of other packages return a reason without a remedy. Use it only if this suite knows
+        # no reason.
         reason = rejection(descriptor, parameter_value_to_python(value)) or result.reason
         raise RuntimeError(f'{node} rejected {options.name} = {options.value}: {reason}')
     print(f'Set parameter successful: {options.name} = {_value(visitor, options)}')

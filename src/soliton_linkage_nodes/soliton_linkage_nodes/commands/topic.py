@@ -17,9 +17,11 @@ from soliton_linkage_nodes.runtime.interfaces import Topic
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription
 
 _QOS = QoSProfile(depth=1000)
-"""Requested quality of service, or best effort if a publisher offers no more."""
+"""Requested quality of service. If a publisher offers only best effort, the subscription uses best
+effort."""
 _LINGER = 0.1
-"""The publisher exists for this time after the last message [s], so that the message is sent."""
+"""The publisher exists for this time after the last message [s], so that the message still leaves
+the process."""
 
 
 def main(arguments: list[str]) -> int:

@@ -21,12 +21,13 @@ from soliton_linkage.command_line import PlainParser, complete
 from soliton_linkage_nodes.runtime.guarded import SERVICE_QOS
 
 _FOUND_WITHIN = 10.0
-"""Default limit for the discovery of a name [s], which usually takes less than 1 s, sometimes 3
-s."""
+"""Default limit for the discovery of a name [s]. Discovery usually takes less than 1 s, sometimes
+3 s."""
 _ALL_ANNOUNCED = 3.2
-"""Shortest wait for a list of names [s], because each process announces itself every 3 s."""
+"""Shortest time for collecting a list of names [s], because each process announces itself every 3
+s."""
 _SETTLED = 1.0
-"""A list of names counts as complete after it has not changed for this time [s]."""
+"""A list of names counts as complete if it has not changed for this time [s]."""
 ANSWER_LIMIT = 10.0
 """Longest wait for the response of a service [s]."""
 _SPIN = 0.05
@@ -78,9 +79,10 @@ class Visitor:
             self.spin(min(left, _SPIN))
 
     def settled(self, there: Callable[[], Found]) -> Found:
-        """Call `there` for at least 3.2 s and until its result is constant; return the result.
+        """Call `there` until its result has settled, and return the result.
 
-        The calls end after `limit` [s] in any case.
+        The calls last at least 3.2 s, and until the result has not changed for 1 s. They never
+        last longer than `limit` [s].
         """
         begun = self._clock()
         found, end = there(), begun + _ALL_ANNOUNCED
@@ -92,7 +94,7 @@ class Visitor:
         return found
 
     def type_name(self, kind: str, name: str, there: Callable[[], NamesAndTypes]) -> str:
-        """Return the type of a topic or service in `there()`; RuntimeError if it is missing."""
+        """Return the type of a topic or service; RuntimeError if `there()` never lists it."""
         full = self.node.resolve_topic_name(name)
         found: dict[str, list[str]] = {}
 

@@ -25,7 +25,7 @@ from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime.stamps import time_from_msg
 
 _MOST_KICKS_WAITING = 50
-"""Largest number of kicks that have not yet been executed by the simulator [1]. It is half the
+"""Largest number of published kicks that the simulator has not yet executed [1]. It is half the
 queue depth of `rotor_impulses`, so that no accepted kick is lost."""
 
 
@@ -86,7 +86,8 @@ class ActuatedChain:
 class Commands:
     """Execution of the commands to a chain.
 
-    Each method raises ValueError if its command, from the topic `source`, is invalid.
+    Each method executes a command from the topic `source`. If the command is invalid, or if it
+    cannot act on the chain now, the method raises ValueError.
     """
 
     def __init__(
@@ -107,7 +108,8 @@ class Commands:
     def nudge(self, source: str, message: Float64) -> None:
         """Apply a kick at the edge that the parameter `nudge_edge` selects.
 
-        If the parameter `nudge_as` is 'pressure', a pressure with the same impulse replaces it.
+        If the parameter `nudge_as` is 'pressure', a pressure with the same impulse is applied
+        instead.
         """
         kick = EdgeCommand(Edge(self.settings.nudge_edge), CommandKind.KICK, message.data)
         if self.settings.nudge_as == CommandKind.KICK.value:
@@ -146,8 +148,8 @@ class Commands:
     def trajectory(self, source: str, message: JointTrajectory) -> None:
         """Apply torques to joints, interpolated linearly between the points of a trajectory.
 
-        A trajectory without points ends the torques of the joints that it names, by default of
-        all.
+        A trajectory without points ends the torques of the joints that it names. If it names no
+        joint, it ends all torques.
         """
         chain = self._ready()
         if not message.points:
@@ -208,7 +210,10 @@ class Commands:
         chain.driver.play(source, replace(command, edge=side), int(rotor), limit)
 
     def _ready(self, at_once: bool = False) -> ActuatedChain:
-        """Return the chain; ValueError if a command (`at_once`: a kick) cannot act on it now."""
+        """Return the chain; ValueError if it is unknown or nothing subscribes to the topic.
+
+        The topic is `rotor_impulses` if `at_once` is set, otherwise `rotor_torques`.
+        """
         self._publishers.check_connected(at_once)
         if self.chain is None:
             raise ValueError('the chain is unknown; publish chain or set chain_from to parameters')

@@ -42,7 +42,7 @@ from soliton_linkage_nodes.runtime.subscriptions import CountedSubscription, Str
 
 _POLL_INTERVAL = 0.02
 """Poll interval for the frames of an idle chain [s]. It is shorter than the usual `state_timeout`.
-The short interval also keeps the code of a kick in the caches of the processor."""
+The short interval also keeps the code that computes a kick in the caches of the processor."""
 _IDLE_AFTER = 1.0
 """A chain without commands for this time is idle [s]."""
 
@@ -188,7 +188,7 @@ class EdgeActuator(ManagedNode):
             raise
 
     def _dispatch_while_busy(self) -> None:
-        """Let the executor receive each frame immediately while the chain is not idle."""
+        """Let the executor receive each frame immediately, unless the chain is idle."""
         now, chain = time.monotonic(), self.commands.chain
         if chain is not None and chain.driver.busy:
             self._busy_until = now
@@ -202,7 +202,7 @@ class EdgeActuator(ManagedNode):
                     self.frames.take(serialized)
 
     def _poll(self) -> None:
-        """Receive frames, and compute but do not apply a kick, to keep its code in the caches."""
+        """Receive frames, and compute the zero mode to keep the code of a kick in the caches."""
         self._dispatch_while_busy()
         self._catch_up()
         chain = self.commands.chain

@@ -23,8 +23,8 @@ class LatestFrames:
     def __init__(self, longest: float, watch: Callable[[int, Array], None]) -> None:
         """Reject frames if the latest message arrived more than `longest` [s] ago.
 
-        `watch` is called with stamp [ns] and angles [rad] of each frame that is read for the first
-        time.
+        When a frame is read for the first time, `watch` is called with its stamp [ns] and angles
+        [rad].
         """
         self.freshness = Freshness(longest)
         self.taken = 0
@@ -61,13 +61,13 @@ class LatestFrames:
 
     @property
     def stamp_before(self) -> int | None:
-        """Stamp of the frame before the latest frame [ns], or None if there is none."""
+        """Stamp of the second latest frame [ns], or None if fewer than two frames have arrived."""
         return None if self._previous is None else self._decoder.stamp(self._previous)
 
     def period(self, stamp: int) -> float | None:
-        """Return the time [s] from the frame before the latest frame to `stamp` [ns].
+        """Return the time [s] from the second latest frame to `stamp` [ns].
 
-        Returns None if there is no such frame, or if `stamp` is not later.
+        Returns None if there is no such frame, or if `stamp` is not later than this frame.
         """
         before = self.stamp_before
         return None if before is None or stamp <= before else (stamp - before) / SECOND
@@ -76,7 +76,7 @@ class LatestFrames:
 class ActuatorPublishers:
     """Publishers of `rotor_impulses`, `rotor_torques` and `last_kick`.
 
-    The stamps of impulses and torques are the time of the node's clock.
+    The stamps of impulses and torques are the times of their publication.
     """
 
     def __init__(self, node: Node) -> None:

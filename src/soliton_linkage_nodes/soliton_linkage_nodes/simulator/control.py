@@ -17,9 +17,10 @@ from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage_nodes.runtime.guarded import describe_error
 
 _LEAST_PROGRESS = 1e-3
-"""A reset is rejected if less than this part of a frame is computed in `longest_trial` [1]."""
+"""A reset is rejected if less than this fraction of the first frame is computed within
+`longest_trial` [1]."""
 _MOST_KICKS = 10_000
-"""Largest number of kicks that wait for the next frame [1], as many as arrive in 1 s."""
+"""Largest number of kicks that may wait for the next frame [1], about as many as arrive in 1 s."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,7 @@ class SimulationStatus:
     energy: float
     """Energy of the current frame [J]."""
     energy_drift: float
-    """Error of the energy due to the solver, relative to the largest energy so far [1]."""
+    """Energy error that the solver causes, relative to the largest energy so far [1]."""
     dissipated: float
     """Energy dissipated by the damping since the last reset [J]."""
 
@@ -52,9 +53,9 @@ class SimulationControl:
     """Simulation that publishes one frame after the other and applies commands in between.
 
     All waiting kicks, the latest torques and the latest gravity act from the time of the next
-    published frame on. The angular velocities in this frame include the effect of the kicks. If
-    the next frame cannot be computed, the simulation pauses until a reset. Other threads may call
-    all methods except `tick`; `step` may take seconds.
+    published frame. The angular velocities in this frame include the effect of the kicks. If the
+    next frame cannot be computed, the simulation pauses until a reset. Other threads may call all
+    methods except `tick`. A call of `step` may take seconds.
     """
 
     def __init__(
@@ -70,10 +71,11 @@ class SimulationControl:
         """Create a simulation that starts in the state `state`.
 
         `begin` creates a simulation from a state and the gravity. Torques end after the simulated
-        time `command_timeout` [s]; 0 means no limit. If kicks act at a frame, `announce` is called
-        with the frame number and the sum of their impulses [N m s], shape (N,). Then, for every
-        frame, `publish` is called with the frame number and the simulation. A reset may spend at
-        most `longest_trial` [s] of processor time on the first frame of the new state.
+        time `command_timeout` [s]; 0 means no limit. For every frame, `publish` is called with the
+        frame number and the simulation. If kicks act at a frame, `announce` is called before
+        `publish`, with the frame number and the sum of their impulses [N m s], shape (N,). A reset
+        may spend at most `longest_trial` [s] of processor time on the first frame of the new
+        state.
         """
         self._begin = begin
         self._gravity = gravity
@@ -105,7 +107,7 @@ class SimulationControl:
 
     @property
     def simulation(self) -> Simulation:
-        """Simulation since the last reset. It may be read only in a pause."""
+        """Simulation since the last reset. Read it only while the simulation is paused."""
         return self._simulation
 
     @property
@@ -136,13 +138,13 @@ class SimulationControl:
             return None
 
     def hold(self, torques: Array) -> None:
-        """Apply torques [N m], shape (N,), until new ones arrive, or for `command_timeout`."""
+        """Apply torques [N m], shape (N,), until others replace them or `command_timeout` ends."""
         with self._lock:
             self._commands.torques = torques
             self._commands.count += 1
 
     def set_gravity(self, gravity: Gravity) -> None:
-        """Set the gravity from the next frame on, also after resets."""
+        """Set the gravity that acts from the next frame on, also after resets."""
         with self._lock:
             self._gravity = gravity
 
@@ -160,7 +162,7 @@ class SimulationControl:
             return None
 
     def step(self, periods: int) -> str | None:
-        """Publish `periods` frames of the paused simulation; return the reason if it fails."""
+        """Publish `periods` frames of the paused simulation; return the reason of a failure."""
         if self._stopping:
             return 'the simulation is stopped; activate the simulator first'
         if not self._paused:
@@ -175,7 +177,7 @@ class SimulationControl:
             return self._failure
 
     def reset(self, state: State) -> None:
-        """Put the chain into a state, and drop waiting commands. The simulated time is not reset.
+        """Put the chain into a state, and drop waiting commands. The simulated time continues.
 
         Raises ValueError and changes nothing if the mechanics do not allow the state, or if the
         first frame cannot be computed.
@@ -208,7 +210,7 @@ class SimulationControl:
         return self._simulation
 
     def _finish_frame(self, simulation: Simulation) -> None:
-        """Compute the next frame without the lock, so that other threads can send commands."""
+        """Compute the next frame. Other threads can send commands meanwhile."""
         failure: Exception | None = None
         self._abandoned = simulation
         try:

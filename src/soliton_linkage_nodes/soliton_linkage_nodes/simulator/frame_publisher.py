@@ -23,10 +23,11 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
 
 
 class SensedJoints:
-    """Serialized joint states as simulated encoders measure them.
+    """Serialized joint states with the errors of simulated encoders.
 
     Joints without an encoder are omitted. The angles include the known encoder offsets and the
-    errors of the encoders, the angular velocities only these errors. The torques are exact.
+    errors of the encoders. The angular velocities include only the errors of the encoders. The
+    torques are exact.
     """
 
     def __init__(
@@ -54,7 +55,7 @@ class SensedJoints:
         self._encoders.errors = errors
 
     def fill(self, stamp: int, frame: int, simulation: Simulation) -> bytearray:
-        """Return the message for the present frame of a simulation, with a `stamp` [ns].
+        """Return the message for the current frame of a simulation, with a `stamp` [ns].
 
         The next call overwrites the message. The simulated encoders estimate the angular
         velocities only from frames since the last reset.
@@ -72,9 +73,9 @@ class SensedJoints:
 
 
 class DeliveryPublisher:
-    """Publisher of `delivery`: the total impulses and the total work that the chain has received.
+    """Publisher of `delivery`: the total effect of all impulses and torques on the chain.
 
-    A message is published at a frame if impulses or torques have acted since the frame before it.
+    A message is published at a frame if impulses or torques have acted since the previous frame.
     The work of torques is exact, because they are constant between two frames. A reset of the
     simulation does not change the totals.
     """
@@ -92,7 +93,7 @@ class DeliveryPublisher:
     def add(self, stamp: int, simulation: Simulation) -> None:
         """Add the impulses and torques since the previous frame to the totals.
 
-        `stamp` is the stamp of the present frame [ns]. Impulses that act at the present frame are
+        `stamp` is the stamp of the current frame [ns]. Impulses that act at the current frame are
         added at the next frame.
         """
         if simulation is not self._simulation:
@@ -121,9 +122,12 @@ class FramePublisher:
     def __init__(
         self, node: Node, named: NamedChain, joints: SensedJoints, rate: float, clock: bool
     ) -> None:
-        """Publish frames at `rate` in simulated time [Hz], and `/clock` if `clock`."""
+        """Create the publishers. `rate` is the frame rate in simulated time [Hz].
+
+        `/clock` is published only if `clock` is set.
+        """
         self.epoch: int | None = None
-        """Stamp of the first frame [ns], None before this frame is published."""
+        """Stamp of the first frame [ns], or None before the first frame is published."""
         self.stamp = 0
         """Stamp of the last frame [ns]."""
         self._node = node
@@ -148,7 +152,7 @@ class FramePublisher:
         return int(self._joint_states.qos_profile.depth)
 
     def begin(self) -> None:
-        """On the first call, publish the chain and set the stamp of the first frame to now."""
+        """On the first call, publish the chain. The first frame gets the current time as stamp."""
         if self.epoch is not None:
             return
         self.epoch = Clock(clock_type=ClockType.SYSTEM_TIME).now().nanoseconds
@@ -167,12 +171,12 @@ class FramePublisher:
         interfaces.wait_for_acknowledgements(self._joint_states)
 
     def announce(self, frame: int, impulses: Array) -> None:
-        """Publish the impulses [N m s], shape (N,), that act at the next frame, number `frame`."""
+        """Publish the impulses [N m s], shape (N,), that act at frame number `frame`."""
         buffer = self._impulse_buffer.fill(self._stamp_of(frame), impulses)
         publish_buffer(self._impulses, buffer)
 
     def publish(self, frame: int, simulation: Simulation) -> None:
-        """Publish the present frame of a simulation, which has the number `frame`."""
+        """Publish the current frame of a simulation. Its number is `frame`."""
         stamp = self.stamp = self._stamp_of(frame)
         if self._clock is not None:
             self._clock.publish(interfaces.CLOCK.type(clock=time_to_msg(stamp)))

@@ -37,7 +37,8 @@ from soliton_linkage_nodes.simulator.frame_publisher import FramePublisher, Sens
 from soliton_linkage_nodes.simulator.services import SimulationServices, serve_standard
 
 _SLOWEST = 1e-6
-"""Smallest real-time factor above 0 [1]: one frame per hour at a frame rate of 300 Hz."""
+"""Smallest real-time factor above 0 [1]. At a frame rate of 300 Hz, it means one frame per
+hour."""
 _NON_RECIPROCITY = 'chain.non_reciprocity'
 _POLL_INTERVAL = 0.02
 """Poll interval while waiting for subscribers [s]."""
@@ -87,9 +88,9 @@ class SimulatorParameters(WorldParameters):
 class Simulator(ManagedNode):
     """Node that publishes the angles of a simulated chain at a fixed rate.
 
-    It publishes `joint_states` [rad, rad/s, N m], `chain` (latched), `delivery` (latched),
-    `/diagnostics`, `/clock` if `publish_clock` is true, and, before a frame at which impulses act,
-    their sum on `delivered_impulses` [N m s].
+    It publishes `joint_states` [rad, rad/s, N m], `chain` (latched), `delivery` (latched) and
+    `/diagnostics`. If `publish_clock` is true, it also publishes `/clock`. Before each frame at
+    which impulses act, it publishes the sum of these impulses on `delivered_impulses` [N m s].
 
     It subscribes to `rotor_impulses` [N m s], `rotor_torques` [N m] and `tilt` [rad]. A message on
     `tilt` sets the parameter `gravity.tilt`. It serves `~/pause`, `~/step` and `~/reset`. If the
@@ -142,7 +143,7 @@ class Simulator(ManagedNode):
         self._start_timer.cancel()
 
     def activate(self) -> None:
-        """When there are enough subscribers, publish the chain and start or resume frames."""
+        """Wait for enough subscribers, then publish the chain and start or resume the frames."""
         self.control.resume()
         self._start_timer.reset()
         self._begin()
@@ -196,7 +197,7 @@ class Simulator(ManagedNode):
         self.control.hold(torques)
 
     def _check_stamp(self, stamp: int) -> None:
-        """Raise ValueError if a stamp [ns] is far both from the clock and from the last frame."""
+        """Raise ValueError if a stamp [ns] is far from both the clock and the last stamp."""
         limit = self.settings.stamp_tolerance
         if not (stamp and limit):
             return
@@ -221,7 +222,7 @@ class Simulator(ManagedNode):
             )
 
     def follow_parameters(self) -> None:
-        """Apply the changed parameters of gravity, motors, encoders and the real-time factor."""
+        """Apply changed parameters of gravity, motors and encoders, and the real-time factor."""
         motors = self.get_parameter(_NON_RECIPROCITY).value
         if motors != self.named.chain.non_reciprocity:
             chain = replace(self.named.chain, non_reciprocity=motors)
@@ -260,8 +261,8 @@ def main() -> None:
 
 _FRAMES_OVERDUE = 3
 """The report warns if more than this number of frames were due since the last report and none was
-published [1]. In normal operation, up to 3 may be due: one at each end of the interval, and a late
-one."""
+published [1]. In normal operation, up to 3 frames may be due: one at each end of the interval, and
+a late one."""
 
 
 class SimulationReport:
@@ -283,7 +284,7 @@ class SimulationReport:
         self._increments = Increments()
 
     def __call__(self, world: Mapping[str, Any]) -> Report:
-        """Return the present report. The named values `world` are added to its values."""
+        """Return the current report. `world` contains further named values for the report."""
         status, punctuality = self._control.status, self._loop.punctuality
         seconds, frames, late = self._increments.take(status.frames, punctuality.missed)
         rate = frames / seconds
@@ -308,7 +309,7 @@ class SimulationReport:
         return Report(message, {**figures, **world}, warning=bool(fault or late))
 
     def _message(self, status: SimulationStatus, late: int, slow: bool) -> tuple[str, str]:
-        """Return the message of the report and the fault to be logged, or '' without a fault."""
+        """Return the message of the report, and the fault to log, or '' without a fault."""
         if status.failure:
             return (f'paused, {status.failure}',) * 2
         if slow:

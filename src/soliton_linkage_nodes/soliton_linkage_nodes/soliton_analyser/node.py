@@ -40,8 +40,8 @@ from soliton_linkage_nodes.runtime.subscriptions import (
 )
 
 _LONGEST_ASSEMBLY = 1.0
-"""An incomplete frame that waits for missing joints is analysed after one to two times this time
-[s], unless another frame begins earlier."""
+"""An incomplete frame waits for its missing joints for one to two times this time [s], or until
+another frame begins. It is then analysed without them."""
 _FRAMES_BEFORE_REPORT = 100
 """The node warns of joints without angles after this number of frames [1]."""
 
@@ -145,7 +145,7 @@ class SolitonAnalyser(ManagedNode):
         return CountedSubscription(self, topic, take, self.diagnostics, raw=True)
 
     def deactivate(self) -> None:
-        """Drop the messages that are stored until the chain is known."""
+        """Drop the messages that wait until the chain is known."""
         self.waiting.clear()
 
     def _on_chain(self, named: NamedChain) -> None:
@@ -255,7 +255,8 @@ def main() -> None:
 
 
 _MISFIT_OVER_NOISE = 3.0
-"""The node warns of a misfit only if it exceeds this number times the noise of the angles [1]."""
+"""The node warns of a misfit only if the misfit exceeds this number times the noise of the angles
+[1]."""
 _CONTRADICTION_CONFIDENCE = 0.999
 """Confidence above which the node warns of a motion class that contradicts the parameters [1]."""
 
@@ -263,7 +264,8 @@ _CONTRADICTION_CONFIDENCE = 0.999
 def describe(analysis: JointStateAnalysis, misfit_limit: float) -> tuple[str, bool]:
     """Return a text about the state of the analysis, and whether it is a warning.
 
-    The text warns of misfits above `misfit_limit` [rad] and the effects of noise and phonons.
+    The text warns of a misfit that exceeds `misfit_limit` [rad] and the possible effect of noise
+    and phonons.
     """
     analyser, latest = analysis.analyser, analysis.latest
     if analyser is None or latest is None:
@@ -298,7 +300,8 @@ def describe(analysis: JointStateAnalysis, misfit_limit: float) -> tuple[str, bo
 def _likely_error(analyser: FrameAnalyser) -> str:
     """Return a text about the most probable cause of a misfit.
 
-    A wrong rest angle is seen far from the wall; other errors change only the shape of the wall.
+    An error of the rest angle changes the angles far from the wall. Other errors change only the
+    shape of the wall.
     """
     error = analyser.diagnostics.rest_angle_error
     if error:

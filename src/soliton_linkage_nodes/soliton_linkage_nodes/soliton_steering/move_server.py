@@ -23,7 +23,7 @@ _FEEDBACK_PERIOD = 0.1
 class MoveServer(ActionServer):
     """Action server of move_soliton.
 
-    A goal ends when `conclude` is called, whereas in rclpy it ends when a callback returns.
+    A goal ends when the node calls `conclude`. In rclpy, a goal ends when a callback returns.
     """
 
     def __init__(
@@ -34,7 +34,8 @@ class MoveServer(ActionServer):
     ) -> None:
         """Create the server.
 
-        It calls `take` with each accepted goal, and `cancel` with each goal that a client cancels.
+        The server calls `take` with each accepted goal. If a client cancels a goal, it calls
+        `cancel`.
         """
         name, calls = interfaces.MOVE_SOLITON, {'handle_accepted_callback': self._take}
         super().__init__(
@@ -51,7 +52,7 @@ class MoveServer(ActionServer):
         self._feedback_time = -math.inf
 
     def notify_execute(self, goal_handle: ServerGoalHandle, execute_callback: Any) -> None:
-        """Do nothing, because the goal is carried out by other callbacks of the node."""
+        """Do nothing, because other callbacks of the node execute the goal."""
 
     def _take(self, handle: ServerGoalHandle) -> None:
         try:
@@ -63,7 +64,7 @@ class MoveServer(ActionServer):
             self.end(handle, MoveResult(Outcome.NOT_HELD, failure, math.nan))
 
     def begin(self, handle: ServerGoalHandle, position: float) -> None:
-        """Make a goal active; `position` is where the soliton is now [rotor spacings]."""
+        """Make a goal active. The soliton is now at `position` [rotor spacings]."""
         self.goal, self.start = handle, position
         self.begun += 1
 

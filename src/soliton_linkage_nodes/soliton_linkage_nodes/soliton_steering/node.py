@@ -55,14 +55,15 @@ class SolitonSteeringParameters:
 
 
 class SteeredChain:
-    """Steering of the soliton in a chain, and an estimate of the phonon energy."""
+    """Steering of the soliton in a chain, and estimation of the phonon energy."""
 
     def __init__(self, named: NamedChain, settings: SolitonSteeringParameters) -> None:
         """Create the steering of a chain; ValueError if the chain cannot be steered."""
         self.named = named
         rotors = _rotors(named, settings.actuated_joints)
         self.limitation = ''
-        """Reason why the steering ignores the deviations of the lengths, or '' if it uses them."""
+        """Reason why the steering ignores that lengths deviate, or '' if it uses the
+        deviations."""
         try:
             orbit = orbit_of(named.chain)
         except (ValueError, ArithmeticError) as error:
@@ -86,8 +87,8 @@ class SteeredChain:
     def observe(self, stamp: int, frame: Frame) -> tuple[Array | None, MoveResult | None]:
         """Process a frame; return the torques to apply and the result of the move.
 
-        `stamp` is in [ns]. The torques [N m], shape (N,), are None if no soliton is moved or held.
-        The result is None unless the move has ended at this frame.
+        `stamp` is the time of the frame [ns]. The torques [N m], shape (N,), are None if no
+        soliton is moved or held. The result is None unless the move has ended at this frame.
         """
         if self._epoch is None:
             self._epoch = stamp
@@ -113,11 +114,11 @@ def _rotors(named: NamedChain, joints: tuple[str, ...]) -> tuple[int, ...]:
 _POLL_INTERVAL = 0.02
 """Poll interval for the age of the joint states [s], short compared with `state_timeout`."""
 _OBSERVER_FRAMES = 200
-"""Before a move, position and velocity of the soliton are estimated from at most this number of
-recent frames [1]. At 1000 Hz, earlier frames would hardly change the estimate."""
+"""Before a move, the position and velocity of the soliton are estimated from at most this number
+of recent frames [1]. At 1000 Hz, earlier frames would hardly change the estimate."""
 _REPORT_FRAMES = 8
-"""A report on a free soliton uses this number of recent frames [1]: one is needed for the
-position, and four for the phonon energy."""
+"""A report on a free soliton uses this number of recent frames [1]. The position needs one frame,
+and the phonon energy four."""
 
 
 class SolitonSteering(ManagedNode):
@@ -197,7 +198,7 @@ class SolitonSteering(ManagedNode):
 
     @property
     def holding(self) -> bool:
-        """Whether a soliton is moved or held, so that the node needs each frame immediately."""
+        """Whether a soliton is moved or held. The node then needs each frame immediately."""
         return self.chain is not None and self.chain.steering.holding
 
     def _on_joint_states(self, serialized: bytes) -> None:
@@ -219,7 +220,7 @@ class SolitonSteering(ManagedNode):
         self._joint_states.dispatch(self.holding)
 
     def _read(self, chain: SteeredChain, serialized: bytes) -> tuple[int, Frame]:
-        """Return stamp [ns] and frame of a message; ValueError if it does not fit the chain."""
+        """Return stamp [ns] and frame of a message; ValueError if they do not fit the chain."""
         joints = self._decoder.decode(serialized)
         return joints.stamp, frame_from_msg(chain.named, joints)
 
@@ -333,7 +334,7 @@ def main() -> None:
 def report(chain: SteeredChain | None, silent: bool, server: MoveServer) -> Report:
     """Return the report about a chain and the moves of its soliton.
 
-    `silent` is whether joint states have stopped arriving.
+    `silent` means that joint states have stopped arriving.
     """
     goal, ended = server.goal, server.ended
     wall = None if chain is None or silent else chain.steering.wall
