@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Orbit of a chain with known deviations of its rotors and springs.
 
-The site coordinate of a wall is that of the corresponding configuration of the uniform chain,
-which has no deviations. In each leg (see `Orbit`), configurations of the two chains correspond if
-the same bond has half of |t|^2 on its left, with the zero mode t; the ends of the legs also
-correspond. A monotonic cubic spline through these pairs converts the arc lengths.
+The uniform chain is the same chain without deviations. By definition, corresponding configurations
+of the two chains have the same site coordinate. Two configurations in the same leg (see `Orbit`)
+correspond if the rotors to the left of the same bond contribute half of the sum of t_n^2, where t
+is the zero mode. The ends of the legs also correspond. A monotonic cubic spline through these
+pairs of configurations converts the arc length of one orbit to the arc length of the other.
 """
 
 from __future__ import annotations
@@ -25,15 +26,19 @@ from soliton_linkage.orbit.seed_path import blocked_wall_error
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 
 _SAMPLES_A_SITE = 4
-"""Number of samples per rotor that bracket the walls with half of |t|^2 left of a bond [1]."""
+"""Number of samples per rotor in the search for the walls with half of |t|^2 to the left of a bond
+[1]."""
 _SAME_MODE = 1 - 1e-6
-"""The orbit is rejected if the scalar product of the tangent of a piece, which includes only
-rotors near the wall, and the zero mode of the whole chain is not above this [1], because a rotor
-far from the wall then also moves."""
+"""The scalar product of the tangent of a piece and the zero mode of the whole chain must exceed
+this [1]. The tangent contains only rotors near the wall. If the product is smaller, a rotor far
+from the wall also moves, and the orbit is rejected."""
 
 
 def orbit_of(chain: Chain) -> Orbit:
-    """Return the `UniformOrbit` or, with deviations, the `DeviatingOrbit`; raises their errors."""
+    """Return the `DeviatingOrbit` of a chain with deviations, otherwise the `UniformOrbit`.
+
+    Raises the errors of these classes.
+    """
     return UniformOrbit(chain) if chain.deviations == NO_DEVIATIONS else DeviatingOrbit(chain)
 
 
@@ -104,8 +109,9 @@ class DeviatingOrbit(Orbit):
     def _reflections(self) -> list[float]:
         """Return the arc lengths at which legs end [rad], from the start of the first piece.
 
-        In a flipper, a leg ends where the edge rotor and its bar are collinear, so that its
-        neighbour reverses its rotation; in a spinner, at an extremum of sum_n sin(phi_n).
+        In a flipper, a leg ends where the edge rotor and its bar are collinear, because the rotor
+        next to the edge then reverses its rotation. In a spinner, a leg ends at an extremum of
+        sum_n sin(phi_n).
         """
         last = self.chain.number_of_rotors - 1
         spinner = self.chain.motion is Motion.SPINNER
@@ -161,7 +167,8 @@ class DeviatingOrbit(Orbit):
     def _nearest(self, rotor: int, angle: float, turning: float) -> float:
         """Return the arc length [rad] at which an edge rotor is nearest to `angle` [rad].
 
-        The wall is reflected at this rotor at the arc length `turning` [rad].
+        The search includes the pieces around the arc length `turning` [rad], at which the wall is
+        reflected at this rotor.
         """
         pieces, count = self._pieces, len(self._pieces)
         number = bisect_right(self._ends, (turning + self._origin) % self._ends[-1]) % count
@@ -193,7 +200,7 @@ def _rate(arc: float, piece: OrbitPiece, rotor: int | None) -> float:
 
 
 class _ArcMap(PiecewiseCubic):
-    """Smooth, increasing map from the arc length of an orbit to the one of the uniform orbit."""
+    """Smooth, increasing map from the arc length of an orbit to that of the uniform orbit."""
 
     def __init__(self, orbit: Orbit, uniform: UniformOrbit) -> None:
         arcs: list[float] = []
@@ -227,7 +234,8 @@ class _ArcMap(PiecewiseCubic):
 def _arcs_at_bonds(orbit: Orbit, leg: int) -> Array:
     """Return the arc lengths in a leg at which half of |t|^2 is left of each bond [rad], (N - 1,).
 
-    t is the tangent. A bond for which there is no such arc length, or several, has NaN.
+    Here t is the tangent. The element of a bond is NaN if the leg contains no such arc length, or
+    more than one.
     """
     rotors = orbit.chain.number_of_rotors
     arcs = np.linspace(*orbit.leg_arcs(leg), _SAMPLES_A_SITE * rotors)
@@ -251,7 +259,7 @@ def _arcs_at_bonds(orbit: Orbit, leg: int) -> Array:
 
 
 def _median(segment: OrbitSegment) -> float:
-    """Return the position that has half of the squared tangent on its left [rotor spacings]."""
+    """Return the position [rotor spacings] to the left of which half of the sum of t_n^2 is."""
     sums = np.cumsum(segment.tangent**2)
     half = sums[-1] / 2
     n = int(np.searchsorted(sums, half))

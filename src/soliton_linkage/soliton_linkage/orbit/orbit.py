@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Interface of a closed zero-energy orbit, with the methods that all orbits share."""
+"""Base class of the closed zero-energy orbits of chains."""
 
 from __future__ import annotations
 
@@ -14,11 +14,12 @@ from scipy.interpolate import PPoly
 from soliton_linkage.linkage.chain import Array, Chain
 
 _STEP = 1e-3
-"""Step of arc in the numerical derivative of the tangent [rad]; its error is then 1e-6/rad."""
+"""Step of the arc length in the numerical derivative of the tangent [rad]. With this step, the
+error of the derivative is 1e-6/rad."""
 
 
 class OrbitSegment(NamedTuple):
-    """Angles of the n rotors near the wall, from rotor `first` on, and their derivatives."""
+    """Angles and derivatives of n rotors near the wall; rotor `first` is the first of them."""
 
     first: int
     angles: Array
@@ -34,7 +35,7 @@ class OrbitSegment(NamedTuple):
 
 
 class PiecewiseCubic:
-    """Piecewise cubic polynomial, continued linearly outside its knots, with fast evaluation."""
+    """Fast evaluation of a piecewise cubic polynomial, which is linear outside its knots."""
 
     def __init__(self, polynomial: PPoly) -> None:
         self.knots: list[float] = polynomial.x.tolist()
@@ -55,16 +56,18 @@ class PiecewiseCubic:
 
 
 class Orbit(ABC):
-    """Closed orbit of a chain: a curve of configurations, parametrised by its arc length.
+    """Closed orbit of a chain: a curve of configurations, parametrised by the arc length.
 
-    The arc length `arc` [rad] is the integral of ds = sqrt(sum_n dphi_n^2), and may be any real
-    number. A leg is the part of the orbit between two reflections of the wall. In even legs the
-    wall moves towards the last rotor, in odd legs towards the first. Leg 0 begins at arc length 0,
-    where the wall is reflected at the first rotor.
+    The arc length `arc` [rad] is the integral of ds = sqrt(sum_n dphi_n^2). Because the orbit is
+    closed, the methods accept any real number as arc length. A leg is the part of the orbit
+    between two reflections of the wall. In even legs the wall moves towards the last rotor, in odd
+    legs towards the first. Leg 0 begins at arc length 0, where the wall is reflected at the first
+    rotor.
 
-    An edge rotor of a flipper is toggled if its lever has not the sign that it has in the
-    left-leaning state (staggered angles theta = -theta_bar). In leg 0, no edge rotor is toggled. A
-    chain that is assembled upside down has the angles pi - phi in place of phi.
+    An edge rotor of a flipper is called toggled if the sign of its lever differs from the sign in
+    the left-leaning state (staggered angles theta = -theta_bar). In leg 0, no edge rotor is
+    toggled. If a chain is assembled upside down, each angle phi of the orbit must be replaced by
+    pi - phi.
     """
 
     chain: Chain
@@ -89,7 +92,7 @@ class Orbit(ABC):
     @property
     @abstractmethod
     def wall_extent(self) -> float:
-        """Longest stretch of the orbit along which one rotor moves [rad]."""
+        """Largest change of the arc length during which one rotor moves [rad]."""
 
     def leg_arcs(self, leg: int) -> tuple[float, float]:
         """Return the arc lengths [rad] at which a leg begins and ends."""
@@ -102,11 +105,11 @@ class Orbit(ABC):
 
     @abstractmethod
     def site(self, arc: float) -> float:
-        """Return the site of the wall, 0 to N - 1 [rotor spacings], at an arc length [rad]."""
+        """Return the site of the wall at an arc length, from 0 to N - 1 [rotor spacings]."""
 
     @abstractmethod
     def arc_at(self, site: float, leg: int) -> float:
-        """Return the arc length in a leg at which the wall is at a site coordinate [rad].
+        """Return the arc length [rad] in a leg at which the wall is at a site [rotor spacings].
 
         If the wall does not reach the site in this leg, the arc length is extrapolated linearly.
         """
@@ -123,8 +126,9 @@ class Orbit(ABC):
     def background(self, arc: float) -> tuple[Array, Array]:
         """Return the angles on the left and on the right of the wall [rad], shape (N,) each.
 
-        The arrays contain the angle of each rotor while it is far to the left, and while it is far
-        to the right of the wall. They are the same for all arc lengths in a leg.
+        The first array contains the angle of each rotor while the rotor is far to the left of the
+        wall, the second array its angle while it is far to the right of the wall. All arc lengths
+        in a leg give the same result.
         """
 
     def configuration(self, arc: float) -> Array:
@@ -148,7 +152,7 @@ class Orbit(ABC):
         return np.asarray((ahead - behind) / (2 * _STEP))
 
     def free_rate(self, arc: float) -> float:
-        """Return the rate ds/dt of free motion, relative to a chain with equal rotors [1].
+        """Return the rate ds/dt of free motion, relative to a chain without deviations [1].
 
         Free motion conserves the kinetic energy sum_n (I_n / 2) (t_n ds/dt)^2 with the tangent t
         and the moments of inertia I_n. With the moment of inertia I of a rotor without deviations,

@@ -20,26 +20,28 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion
 from soliton_linkage.orbit.seed_path import SeedPath, blocked_wall_error, seed_path
 
 _NODES = 20
-"""Number K of terms of a Chebyshev series [1]. With this number, most series converge after the
-piece is halved once or not at all."""
+"""Number K of terms of a Chebyshev series [1]. With 20 terms, most series converge without halving
+the piece, or after one halving."""
 _MOST_SPLITS = 8
 """Largest number of attempts to compute converged series [1]. After each attempt, the pieces whose
 series have not converged are halved. More attempts do not improve the convergence."""
 _ACCURACY = 1e-11
-"""A series has converged if its last two coefficients are below this in absolute value [rad]."""
+"""Threshold of convergence: a series has converged if the absolute values of its last two
+coefficients are below this [rad]."""
 _STILL = 2e-11
-"""A rotor counts as immobile in a piece if the absolute value of its component of the tangent is
-nowhere in the piece above this [1]. The limit is the rounding error of a series."""
+"""Threshold of motion: a rotor counts as immobile in a piece if the absolute value of its
+component of the tangent never exceeds this [1]. The value is the rounding error of a series."""
 _DEPTHS_BESIDE = 25
-"""Rotors are computed up to a distance of this many penetration depths [1] from the seed. Over
-this distance, the tangent decays to e^-25, which is below `_STILL`."""
+"""Largest distance from the seed at which rotors are computed [penetration depths]. Over this
+distance, the tangent decays to e^-25, which is below `_STILL`."""
 _ROTORS_BESIDE = 6
-"""Number of rotors on each side of a seed that are computed in addition to those within
-`_DEPTHS_BESIDE` [1], because the penetration depth can be close to 0."""
+"""Number of rotors that are added on each side of the seed to the distance `_DEPTHS_BESIDE` [1],
+because the penetration depth can be close to 0."""
 _NEWTON_STEPS = 30
 """Largest number of Newton steps in the search for the nodes of a series [1]."""
 _BATCH = 2_000_000
-"""Largest number of values in a batch [1], which need 16 MB; larger batches are not faster."""
+"""Largest number of values in a batch [1]. A batch of this size needs 16 MB; larger batches are
+not faster."""
 _MOST_NUMBERS = 20_000_000
 """A chain is rejected if more values than this [1] must be computed for its orbit. The computation
 of this many values takes about a minute."""
@@ -54,7 +56,7 @@ _TO_SERIES = np.linalg.inv(chebyshev.chebvander(_POINTS, _NODES - 1))
 
 @dataclass(frozen=True)
 class OrbitPiece:
-    """Piece of an orbit with one seed, in which n rotors move, from rotor `first` on."""
+    """Piece of an orbit with one seed and n moving rotors; the first of them is rotor `first`."""
 
     seed: int
     length: float
@@ -75,7 +77,7 @@ class OrbitPiece:
 
 
 def orbit_pieces(chain: Chain) -> list[OrbitPiece]:
-    """Return the pieces of the closed orbit in their order along it, from the middle of leg 0 on.
+    """Return the pieces of the closed orbit in order, beginning in the middle of leg 0.
 
     Raises ValueError if the wall cannot pass, or if the computation would take over a minute.
     """
@@ -117,7 +119,7 @@ def _is_cut(piece: OrbitPiece, beside: int, last: int) -> bool:
 
 
 class _Window:
-    """Windows of W rotors, (P, W), and of W - 1 bars, (P, W - 1), around P seeds."""
+    """Windows of W rotors and W - 1 bars around each of P seeds."""
 
     def __init__(self, chain: Chain, path: SeedPath) -> None:
         self.beside = path.left_branches.shape[1] // 2
@@ -203,10 +205,11 @@ def _resolved(chain: Chain, path: SeedPath) -> list[OrbitPiece | None]:
 
 
 def _nodes_in_arc(speeds: Array) -> Array:
-    """Return the values of x in each piece at which its scaled arc length is `_POINTS`, (P, K).
+    """Return the scaled angles x of the seeds at which the scaled arc lengths are `_POINTS`.
 
-    x is the angle of the seed. Angle and arc length are scaled to increase from -1 to 1. `speeds`
-    contains the Chebyshev coefficients of ds/dx, (P, K).
+    The result has the shape (P, K). In each piece, the angle of the seed and the arc length are
+    scaled so that they increase from -1 to 1. `speeds` contains the Chebyshev coefficients of
+    ds/dx, (P, K).
     """
     arcs = chebyshev.chebint(speeds, axis=1, lbnd=-1)
     wanted = arcs.sum(axis=1)[:, None] * (1 + _POINTS) / 2

@@ -2,13 +2,14 @@
 """Path of a wall from rotor to rotor through a chain with deviations of rotors and springs.
 
 The seed is the rotor that moves most at the present position of the wall. Its angle determines the
-angles of all other rotors. Where the levers of the bar between the seed and a neighbour are equal,
-|A_n| = |B_n|, both rotors move equally fast, and the neighbour becomes the seed.
+angles of all other rotors. When the levers of the bar between the seed and a neighbour become
+equal, |A_n| = |B_n|, both rotors move equally fast, and the neighbour becomes the seed.
 
 For a given angle of rotor n + 1, the bar from rotor n to rotor n + 1 allows two angles of rotor n,
 at which A_n has opposite signs. While the seed is to the right of rotor n, A_n does not vanish.
 Therefore, A_n keeps the sign that it had when the seed changed from n to n + 1, and this sign
-selects an angle. For a seed to the left of rotor n, the sign of B_{n-1} selects the angle.
+selects one of the two angles. For a seed to the left of rotor n, the sign of B_{n-1} selects the
+angle.
 """
 
 from __future__ import annotations
@@ -42,12 +43,14 @@ _SHORTEST_STEP = 1e-10
 """The wall counts as blocked if the bars do not allow a step of the seed longer than this [rad].
 The limit exceeds the rounding errors of the bar lengths."""
 _CLEAR_LEAD = 1e-9
-"""A rotor becomes the seed if its lead exceeds this [1], which is above rounding errors."""
+"""A rotor becomes the seed if its lead (see `_Seed.lead`) exceeds this [1]. The value is larger
+than the rounding errors of a lead."""
 _NEGLIGIBLE_LEAD = -4.0
 """The search for the rotor with the largest lead ends at a rotor with a lead below this [1],
 because no rotor farther out moves more than e^4 times as much as this rotor."""
 _MOST_PIECES_A_ROTOR = 20
-"""A path with more pieces per rotor [1] is not closed; closed ones have 4 (flippers) or 2."""
+"""If a path has more than this number of pieces per rotor [1], it does not close. Closed paths
+have 4 pieces per rotor in flippers and 2 in spinners."""
 
 
 class SeedPath(NamedTuple):
@@ -60,8 +63,8 @@ class SeedPath(NamedTuple):
     """Angle of the seed at the end of each piece [rad], shape (P,); it differs from `begins` by
     less than 2 pi."""
     left_branches: Branches
-    """Signs of the levers A of the bars from number seed - beside to seed + beside - 1, where seed
-    is the number of the seed of each piece, shape (P, 2 beside)."""
+    """Signs of the levers A of the bars around the seed of each piece, shape (P, 2 beside). The
+    bars have the numbers seed - beside to seed + beside - 1."""
     right_branches: Branches
     """Signs of the levers B of the same bars, shape (P, 2 beside)."""
 
@@ -70,7 +73,7 @@ class SeedPath(NamedTuple):
         return SeedPath._make(part[which] for part in self)
 
     def halves(self) -> SeedPath:
-        """Return a path in which each piece is split where its seed has its middle angle."""
+        """Return a path in which each piece is split at the mean of its `begins` and `ends`."""
         split = self.take(np.repeat(np.arange(len(self.seeds)), 2))
         middles = (self.begins + self.ends) / 2
         split.ends[::2] = middles
@@ -114,10 +117,11 @@ class _Seed:
         return left.tobytes(), right.tobytes()
 
     def lead(self, towards: int, angle: float) -> tuple[float, int]:
-        """Return the largest lead of the rotors on the left (-1) or right (+1), and this rotor.
+        """Return the largest lead of the rotors on one side of the seed, and the leading rotor.
 
-        The lead of rotor n is log |t_n / t_seed|, where t is the zero mode of the configuration in
-        which the seed has the angle `angle` [rad]. The result is -inf if no rotor is on this side.
+        `towards` is -1 for the left side and +1 for the right side. The lead of rotor n is
+        log |t_n / t_seed|, where t is the zero mode of the configuration in which the seed has the
+        angle `angle` [rad]. The result is -inf if no rotor is on this side.
         """
         rotor, lead = self.rotor, 0.0
         best = -math.inf, rotor
@@ -134,7 +138,8 @@ class _Seed:
     def _bond(self, rotor: int, towards: int, angle: float) -> tuple[float, float, float]:
         """Return the angle [rad] of the next rotor, and the levers times the bar length [m^2].
 
-        The levers belong to `rotor`, which has the angle `angle` [rad], and to the next rotor.
+        The next rotor is `rotor` + `towards`. The first lever belongs to `rotor`, which has the
+        angle `angle` [rad], and the second lever belongs to the next rotor.
         """
         bar, far = min(rotor, rotor + towards), rotor + towards
         branch = (self.right_branches if towards > 0 else self.left_branches)[bar]
@@ -149,8 +154,9 @@ class _Seed:
     def turn(self, most: float) -> int:
         """Rotate the seed by a step of at most `most` [rad]; return the number of the next seed.
 
-        If another rotor begins to move faster than the seed, the step ends there, and this rotor
-        is the next seed. Raises ArithmeticError if the lengths of the bars do not allow a step.
+        If another rotor begins to move faster than the seed, the step ends at this angle, and the
+        other rotor is the next seed. Raises ArithmeticError if the lengths of the bars do not
+        allow a step.
         """
         step = min(self._step, most)
         while step > _SHORTEST_STEP:

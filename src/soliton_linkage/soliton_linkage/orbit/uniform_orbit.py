@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Orbit of a chain of any length without deviations, composed from the orbit of a short chain.
 
-In the middle of the short chain, the wall passes two rotors. In a longer chain, this passage
-repeats, shifted by two rotors each time. The orbit of the short chain is integrated from the
-middle of one leg, through the reflection at the last rotor, to the middle of the next leg. The
-rest of the orbit is the mirror image of this part. `static_wall` defines the site coordinate.
+The passage of the wall over two rotors in the middle of the short chain repeats in a longer chain,
+each time shifted by two rotors. The orbit of the short chain is integrated from the middle of one
+leg, through the reflection at the last rotor, to the middle of the next leg. The rest of the orbit
+is the mirror image of this part. `static_wall` defines the site coordinate.
 """
 
 from __future__ import annotations
@@ -29,40 +29,44 @@ from soliton_linkage.orbit.orbit import Orbit, OrbitSegment, PiecewiseCubic
 from soliton_linkage.solitons.static_wall import follow_zero_mode, site_arc, static_wall
 
 _DEPTHS_BESIDE = 15
-"""The edges of the short chain are farther from its middle than this [penetration depths]. The
-edges then change the angles of a wall in the middle by less than 1e-6 rad."""
+"""Smallest distance of the edges of the short chain from its middle [penetration depths]. At this
+distance, the edges change the angles of a wall in the middle by less than 1e-6 rad."""
 _ROTORS_BESIDE = 6
-"""Number of rotors on each side of the middle of the short chain that are added to those within
-`_DEPTHS_BESIDE` [1], because the penetration depth can be close to 0."""
+"""Number of rotors that are added on each side of the middle to the distance `_DEPTHS_BESIDE` [1],
+because the penetration depth can be close to 0."""
 _TOLERANCE = 1e-9
-"""Largest error norm of a solver step [rad]; errors of the orbit are then below 1e-6 rad."""
+"""Largest error norm of a solver step [rad]. With this tolerance, the errors of the orbit are
+below 1e-6 rad."""
 _SAMPLES_A_STEP = 3
-"""Number of spline points per solver step [1]; then solver errors exceed those of the spline."""
+"""Number of spline points per solver step [1]. With 3 points, the errors of the spline are smaller
+than the errors of the solver."""
 _DEPTHS_OF_EDGE = 8.0
-"""The effect of an edge on the site coordinate is computed up to a distance from the edge of this
-many penetration depths [1] plus two rotor spacings. Farther away, site and arc length are
-proportional, with a relative error of e^-16."""
+"""Largest distance from an edge at which the effect of the edge on the site coordinate is computed
+[penetration depths]; two rotor spacings are added. At larger distances, changes of the site and
+changes of the arc length are proportional, with a relative error of e^-16."""
 _SAMPLES_A_SITE = 16
-"""Near an edge, the site coordinate is computed at this number of points per rotor spacing or per
-penetration depth, whichever is larger [1]. The errors of sites are then 1e-6."""
+"""Number of points per rotor spacing at which the site coordinate is computed near an edge [1]. If
+the penetration depth exceeds the spacing, this is the number per penetration depth. With this
+number, the errors of sites are 1e-6 rotor spacings."""
 _STEP = 1e-5
 """Step of the site in the numerical derivative of the angles of a wall [rotor spacings]."""
 _SHORT = 0.3
-"""The last two steps of a piece are merged if their ratio of lengths is below this [1]."""
+"""The last two steps of a piece are merged if the last one is shorter than this fraction of the
+one before [1]."""
 _EXACT = 1e-12
 """The Newton search for the arc length at a site ends when a step is smaller than this [rad]."""
 _STEPS = 20
 """Largest number of Newton steps in the search for the arc length at a site [1]."""
 _DEGREE = 7
-"""Degree of the spline [1]. It is one less than the order of the solver."""
+"""Degree of the spline [1], one less than the order of the solver."""
 
 
 class UniformOrbit(Orbit):
     """Orbit of a chain without deviations; deviations of the given chain are ignored.
 
     Angles have errors below 1e-6 rad. The computation takes less than a second, except for a lean
-    ratio d close to the critical d_c and for walls wider than 1000 rotors. Raises the errors of
-    `site_arc`, and ValueError for two rotors or periodic ends.
+    ratio d close to the critical lean ratio d_c and for walls wider than 1000 rotors. Raises the
+    errors of `site_arc`, and ValueError for two rotors or periodic ends.
     """
 
     def __init__(self, chain: Chain) -> None:
@@ -75,8 +79,9 @@ class UniformOrbit(Orbit):
         self.chain = replace(chain, deviations=NO_DEVIATIONS)
         self.number_of_legs = 2 if chain.motion is Motion.SPINNER else 4
         self.site_arc = site_arc(chain)
-        # The edges of the short chain do not affect a wall in its middle. Chains that differ in
-        # masses, springs or motors have the same short chain, whose orbit is cached once.
+        # The edges of the short chain do not affect a wall in its middle. Chains that differ only
+        # in masses, springs or motors have the same short chain, whose orbit is computed once and
+        # cached.
         depth = penetration_depth(chain) / chain.spacing
         beside = math.ceil(_DEPTHS_BESIDE * depth) + _ROTORS_BESIDE
         shortest = min(chain.number_of_rotors, 2 * beside + chain.number_of_rotors % 2)
@@ -162,8 +167,8 @@ class _HalfLegs(NamedTuple):
     def mirrored(self, chain: Chain) -> _HalfLegs:
         """Return the mirror image, n -> N - 1 - n and phi -> -phi, in the order along the orbit.
 
-        Mirrored spinners with odd N and flippers with even N are also turned over, phi -> pi -
-        phi, because they are upside down.
+        The mirror images of spinners with odd N and of flippers with even N would be upside down.
+        Therefore, they are also turned over, phi -> pi - phi.
         """
         spinner, odd = chain.motion is Motion.SPINNER, chain.number_of_rotors % 2 == 1
         angles, tangents = self.angles[:, ::-1], self.tangents[:, ::-1]
@@ -208,9 +213,10 @@ class _ShortOrbit:
             [self._edge(leg, at_first, speeds[leg], distances) for at_first, speeds in sides]
             for leg in range(legs)
         ]
-        """For each leg two functions, for the last and for the first rotor, that return the
-        distance of the wall from this rotor [rotor spacings]. Their argument is the distance that
-        would result if site and arc length were proportional."""
+        """Two functions for each leg: the first one belongs to the last rotor, and the second one
+        to the first rotor. Each function returns the distance of the wall from its rotor [rotor
+        spacings]. Its argument is the distance that would result if site and arc length were
+        proportional."""
 
     def _mirrored(self, leg: int) -> int:
         """Return the leg to which the mirror image of a wall in `leg` belongs."""
@@ -243,8 +249,9 @@ class _ShortOrbit:
     def _tangent(self, angles: Array) -> Array:
         """Return the unit zero mode in the direction of the orbit [1], shape (N,).
 
-        It is proportional to (-1)^n prod_{j < n} A_j prod_{j >= n} B_j. The levers A and B are
-        divided by the larger one of the `couplings`, so that the products rarely overflow.
+        The zero mode is proportional to (-1)^n prod_{j < n} A_j prod_{j >= n} B_j. The levers A
+        and B are divided by the larger one of the `couplings`, so that the products rarely
+        overflow.
         """
         first, second = rigidity_bands(self._chain, angles)
         mode = self._signs.copy()
@@ -267,7 +274,7 @@ class _ShortOrbit:
         return np.asarray(mode / math.sqrt(mode @ mode))
 
     def _pieces(self) -> list[_HalfLegs]:
-        """Return the pieces of the orbit in order, each from the middle of a leg to the next.
+        """Return the pieces of the orbit in order; each ends in the middle of the next leg.
 
         Mirroring exchanges the two results of `toggled_edges`. It therefore exchanges legs 0 and 2
         for a lean ratio d > 1, and legs 1 and 3 for d <= 1.
@@ -286,7 +293,7 @@ class _ShortOrbit:
             *follow_zero_mode(self._chain, self._tangent, start, goal, tolerances), strict=True
         )
         solution = OdeSolution([0.0, *ends], list(pieces))
-        # A last step that is much shorter than the others would let the spline oscillate.
+        # A last step that is much shorter than the others would make the spline oscillate.
         bounds = [*begins, ends[-1]]
         if len(bounds) > 2 and bounds[-1] - bounds[-2] < _SHORT * (bounds[-2] - bounds[-3]):
             del bounds[-2]
@@ -313,7 +320,7 @@ _short_orbit = lru_cache(maxsize=64)(_ShortOrbit)
 
 
 def _closed_spline(pieces: list[_HalfLegs], middles: list[float]) -> BSpline:
-    """Return a closed spline of angles and tangents; pieces begin at `middles` [rad]."""
+    """Return a closed spline of angles and tangents; its pieces begin at `middles` [rad]."""
     arcs, rows, end = [], [], pieces[0].angles[0]
     for piece, middle in zip(pieces, middles[:-1], strict=True):
         turns = 2 * math.pi * np.round((end - piece.angles[0]) / (2 * math.pi))
@@ -375,13 +382,16 @@ def set_near_wall(
 ) -> tuple[int, int, int]:
     """Set the angles and tangents of the rotors near a wall in a long chain, from a short chain.
 
-    `values` is set to the angles [rad], followed by the tangents [1], of all rotors of the short
-    chain, whose orbit of the length `length` [rad] is a spline with `knots` and `coefficients`.
-    `arc` [rad] is the arc length on the orbit of the long chain, which has 2 * `repeats` more
-    rotors and the arc length `site_arc` [rad] per rotor spacing. `legs` [rad] has a column for
-    each leg: its start on the long orbit, its start on the short orbit, and the arc length from
-    its start to its middle on the latter. Return first, low and high: the rotors low to high - 1
-    of the short chain correspond to those of the long chain from its rotor number first on.
+    `arc` [rad] is an arc length on the orbit of the long chain, which has 2 * `repeats` rotors
+    more than the short chain. `site_arc` [rad] is the arc length per rotor spacing. The orbit of
+    the short chain has the length `length` [rad] and is a spline with `knots` and `coefficients`.
+    `legs` [rad] has a column with three elements for each leg: the start of the leg on the long
+    orbit, its start on the short orbit, and the arc length from the start to the middle of the leg
+    on the short orbit.
+
+    The function sets `values` to the angles [rad], followed by the tangents [1], of all rotors of
+    the short chain. It returns three numbers: first, low and high. The rotors low to high - 1 of
+    the short chain correspond to rotor `first` and the next rotors of the long chain.
     """
     leg = legs.shape[1] - 1
     while leg > 0 and arc < legs[0, leg]:

@@ -4,25 +4,31 @@
 The errors are computed to first order. Let p be the relative deviations of the rotor lengths and
 of the spacings from the uniform chain. Because the bars keep their lengths, the angles change by
 dphi with R dphi + E p = 0, where R and E are the derivatives of the bar lengths with respect to
-the angles and to p. Of all solutions, dphi is the one that is orthogonal to the zero mode t. Let
-S_n be the part of |t|^2 on the left of bond n, and A_n and B_n the levers of the bar of bond n.
-As in `DeviatingOrbit`, the wall is at bond b where S_b has the same value as in the uniform chain.
-Because t_{n+1} / t_n = -A_n / B_n, the deviations change ln(S_b / (1 - S_b)) by
+the angles and to p. Of all solutions, dphi is the one that is orthogonal to the zero mode t.
+
+Let S_n be the sum of t_j^2 over the rotors j to the left of bond n, and A_n and B_n the levers of
+the bar of bond n. The wall is at bond b if S_b has the same value as for a wall at bond b of the
+uniform chain (see `DeviatingOrbit`). Because t_{n+1} / t_n = -A_n / B_n, the deviations change
+ln(S_b / (1 - S_b)) by
 
     dQ = -sum_n w_n d ln|A_n / B_n|,   w_n = min(S_n / S_b, (1 - S_n) / (1 - S_b)).
 
-This change depends on the angles and the lengths: dQ = Q_phi^T dphi + Q_p^T p. Let ds_b be the
-error of the arc length at which the wall is at bond b. It is the solution of Q_phi^T t ds_b = -dQ.
-Let s_b be the arc length at which the wall is at bond b, and Phi'' the curvature of the orbit. The
-time that a wall in free motion takes from bond b to bond b + 1 has the relative change
+This change depends on the angles and the lengths: dQ = Q_phi^T dphi + Q_p^T p. Let s_b be the arc
+length at which the wall is at bond b. The error ds_b of s_b is the solution of
+Q_phi^T t ds_b = -dQ.
+
+With the curvature Phi'' of the orbit, the time that a wall in free motion takes from bond b to
+bond b + 1 has the relative change
 
     (ds_{b+1} - ds_b) / (s_{b+1} - s_b) - Phi''^T dphi + sum_n t_n^2 (p_n + m_n / 2),
 
 where p_n is the relative deviation of the length of rotor n, and m_n the relative deviation of its
 mass. The three terms are the change of the arc length between the bonds, the change of the arc
-element, and the change of the inertia. With the pseudo-inverse R^+ of R, dphi = -R^+ E p. The code
-computes products q^T R^+ E with a vector q as u^T E, where u is the solution of (R R^T) u = R q.
-Deviations of the stiffnesses have no effect, because no spring of the orbit is extended.
+element, and the change of the inertia.
+
+With the pseudo-inverse R^+ of R, dphi = -R^+ E p. The code computes products q^T R^+ E with a
+vector q as u^T E, where u is the solution of (R R^T) u = R q. Deviations of the stiffnesses have
+no effect, because all springs have their rest lengths in the whole orbit.
 """
 
 from __future__ import annotations
@@ -47,7 +53,10 @@ _SAMPLES = 4
 
 
 class Shifts(NamedTuple):
-    """Standard deviations of wall errors, divided by that of a far rotor (see `WallShifts`)."""
+    """Ratios of standard deviations: error of a wall divided by error of a far rotor.
+
+    `WallShifts` defines the error of a far rotor.
+    """
 
     arc: float
     """Ratio for the error of the arc length of the wall [1]."""
@@ -58,9 +67,10 @@ class Shifts(NamedTuple):
 class WallShifts:
     """Errors of a wall due to unmodelled deviations, relative to the error of a far rotor.
 
-    The error of a far rotor is the change of its angle minus `tail_ratio` times the change of the
-    next rotor towards the wall, which removes the tail of the wall itself. All lengths and masses
-    are assumed to have independent relative deviations of equal variance.
+    The error of a rotor far from the wall is the change of its angle due to the deviations, minus
+    `tail_ratio` times the change of the angle of the next rotor towards the wall. The subtraction
+    removes the tail of the wall. All lengths and masses are assumed to have independent relative
+    deviations of equal variance.
     """
 
     def __init__(self, orbit: Orbit) -> None:
