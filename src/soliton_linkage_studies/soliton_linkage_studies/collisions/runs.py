@@ -33,11 +33,14 @@ ESCAPED = 8.0
 """Walls count as escaped if they were nearer than `_NEAR` before and are farther apart than this
 [reaches]. At this distance, only walls slower than 0.001 c can still return."""
 _NEAR = 7.0
-"""The speed before a collision is that of the walls at larger distances than this [reaches]."""
+"""The speed before a collision is measured while the walls are farther apart than this
+[reaches]."""
 _LEAVING = 5.0
-"""The speed after a collision is that of the walls at larger distances than this [reaches]."""
+"""The speed after a collision is measured while the walls are farther apart than this
+[reaches]."""
 _FRAMES = 10
-"""Number of frames while sound crosses a reach [1]; no overlap is shorter than this time."""
+"""Number of frames in the time in which sound crosses a reach [1]. Every overlap lasts longer than
+this time."""
 _CORE = 4.0
 """Energy within this distance of a wall counts as energy of the wall [reaches]."""
 _LUMP = 8.0
@@ -56,16 +59,16 @@ class Collision:
     speed: float
     """Speed of each wall [speed of sound]."""
     onwards: bool = False
-    """Whether, from left to right along the ring, the anti-kink turns the rotors of a spinner on
-    in the same direction as the kink. Otherwise the anti-kink turns them back."""
+    """Whether the anti-kink of a spinner continues the turn of the rotors by the kink, from left
+    to right along the ring. Otherwise the anti-kink turns the rotors back."""
     step: float = 1.0
     """Longest integration step, multiplied by the largest angular phonon frequency [1]."""
     integrator: str = 'symplectic'
     shift: float = 0.0
     """Shift of the initial positions of both walls along the ring [rotor spacings]."""
     patience: float = 120.0
-    """The walls must meet, and then escape, in this time [reach / c] plus the time that free walls
-    of half the initial speed would need."""
+    """Time limit for the walls to meet, and then again for their escape [reach / c]. It is added
+    to the time that free walls with half of the initial speed would need."""
 
     def __call__(self) -> CollisionRun:
         """Simulate the collision until the walls escape or the time limit is reached."""
@@ -130,7 +133,7 @@ class CollisionRun:
     broken: bool
     """Whether the anti-kink was destroyed."""
     radiated: float
-    """Fraction of the final energy outside the walls or the captured pair [1]."""
+    """Fraction of the final energy that is outside the walls or outside the captured pair [1]."""
     drift: float
     """Largest minus smallest energy during the simulation, divided by the initial energy [1]."""
 
@@ -177,7 +180,7 @@ class WallPaths:
 
 
 def simulate_frames(task: Collision) -> Iterator[tuple[Array, Array, Array]]:
-    """Yield times, angles and rates of one or more further frames at a time, without end.
+    """Yield times, angles and rates of the next frame or frames; the iterator never ends.
 
     The times [s] have shape (T,), the angles [rad] and rates [rad/s] shape (T, N).
     """

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Collision study: each collision or window edge of a settings file gives one row of a table."""
+"""Collision study: each collision or window edge in a settings file gives one row of a table.
+
+A window is a range of speeds at which the walls escape after the same number of collisions.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +38,7 @@ _FASTEST = 2.0
 
 @dataclass(frozen=True)
 class WindowEdge:
-    """Search for an edge of a speed window in which walls escape after `collisions` overlaps."""
+    """Search for an edge of the window in which walls escape after `collisions` overlaps."""
 
     collision: Collision
     collisions: int
@@ -294,7 +297,7 @@ class BounceWindow:
 
 
 def escaped_after(row: Row) -> int | None:
-    """Return the number of overlaps after which both walls escaped intact, otherwise None."""
+    """Return the number of overlaps before both walls escaped intact, or None if they did not."""
     run = row.run
     return run.collisions if run and run.escaped and not run.broken else None
 
@@ -375,7 +378,7 @@ def _variation_table(series: dict[str, list[Row]]) -> str:
 
 
 def _critical_table(series: dict[str, list[Row]]) -> str:
-    """Return a table of critical speeds and, for each series, the limit d -> 0 (linear in d^2)."""
+    """Return a table of critical speeds, with limits d -> 0 (extrapolated linearly in d^2)."""
     lines = []
     for name, rows in series.items():
         found = [(float(row.name), row.speed) for row in rows if row.run]

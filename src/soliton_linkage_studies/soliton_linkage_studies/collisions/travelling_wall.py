@@ -31,8 +31,8 @@ from soliton_linkage.solitons.continuum import FlipperTheory, SpinnerTheory
 _REACH = 11.0
 """Half length of the grid, divided by twice the penetration depth l [1]."""
 _QUIET_FROM = 4.0
-"""The penalty on moving tails starts at this distance from the wall, divided by 2 l [1]; it has
-its full strength from 1.5 times this distance on."""
+"""The penalty on moving tails starts at this distance from the wall, divided by 2 l [1]. From 1.5
+times this distance on, the penalty has its full strength."""
 _QUIETNESS = 0.05
 """Strength of the penalty on moving tails, divided by I omega_0^2 [1], with the moment of inertia
 I and the lowest phonon frequency omega_0. Sensitivity: at 0.01 or 0.2, the speed after a collision
@@ -143,7 +143,11 @@ class _Grid:
         return np.concatenate([even, np.pi - odd])
 
     def correction(self, angles: Array, start: Array, moving: float) -> Array:
-        """Return the Gauss-Newton step from `angles` [rad] that does not shift the wall."""
+        """Return the Gauss-Newton step from `angles` [rad] that does not shift the wall.
+
+        The ends of `start` [rad] give the rest angles of the tails. `moving` is the factor of the
+        second derivative in the equation of motion [N m].
+        """
         free, chain = self._free, self.chain
         torques = np.empty_like(angles)
         torques[self._index] = chain.spring_torques(angles[self._index])
@@ -181,7 +185,7 @@ class _Grid:
         return csr_array((entries, (rows, columns)), shape=(len(angles), len(angles)))
 
     def _derivative(self, weights: tuple[float, ...], mirrored: int) -> csr_array:
-        """Return a stencil matrix; weights behind are those ahead times `mirrored` (+1 or -1)."""
+        """Return a stencil matrix; weights behind are `mirrored` (+1 or -1) times those ahead."""
         reach = len(weights) - 1
         offsets = list(range(-reach, reach + 1))
         values = [weights[abs(k)] * (1 if k >= 0 else mirrored) for k in offsets]

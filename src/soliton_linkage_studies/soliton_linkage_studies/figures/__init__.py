@@ -2,7 +2,7 @@
 """Figures of the paper and additional figures, each compared with theory.
 
 To add a figure, write a module in this package that registers a function in `FIGURES`. Then add a
-section to the settings that has the registered name, and write a test.
+section of this name to the settings file, and write a test.
 """
 
 from __future__ import annotations
@@ -14,6 +14,6 @@ from soliton_linkage_studies.program import Registry
 from soliton_linkage_studies.settings import Section
 
 DrawFigure = Callable[[Section, bool], FigureReport]
-"""Function that draws a figure from its settings; if the flag is true, with fewer points."""
+"""Function that draws a figure from its settings, with fewer points if the flag is true."""
 
 FIGURES: Registry[DrawFigure] = Registry()

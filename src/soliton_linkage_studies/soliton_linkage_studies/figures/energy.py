@@ -86,7 +86,7 @@ wall. Hollow markers are upper bounds, because reflected phonons of the kick may
 wake.
 """
 _REACH = 8
-"""The wake begins this far plus three rotors behind a wall [penetration depths]."""
+"""The wake begins at this distance [penetration depths] plus three rotors behind a wall."""
 _CONTINUUM = 0.3
 """Chains with d below this are compared with continuum theory [1], whose error is O(d^2)."""
 _ENERGIES = {
@@ -155,9 +155,9 @@ def _draw_theory(panels: Sequence[Axes], theory: WallTheory) -> None:
 def _energies(chain: Chain, kick: float) -> tuple[float, float, float, float, float]:
     """Return relative speed [1], kinetic, elastic and wake energy [J], and a flag for echoes.
 
-    Energies are means over the frames of the first passage of the wall. The flag is 1 if phonons
-    of the kick, reflected by the first rotor, can have met the wall before the last of these
-    frames, otherwise 0.
+    Energies are means over the frames of the first passage of the wall. The flag is 1 if the first
+    rotor may have reflected phonons of the kick so early that they met the wall before the last of
+    these frames, otherwise 0.
     """
     recording, speed = record_moving_wall(chain, kick)
     positions = wall_positions(chain, recording)

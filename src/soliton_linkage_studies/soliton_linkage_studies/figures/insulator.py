@@ -40,7 +40,7 @@ _TITLES = (
     'c  a wall at rest,   d  the horizontal projections of its rotors',
 )
 _LONG = 400
-"""Number of rotors of a chain on which values of the infinite chain are measured to 1e-4 [1]."""
+"""Number of rotors of a long chain [1], whose values equal those of the infinite chain to 1e-4."""
 
 
 @FIGURES.add('figure_1')

@@ -19,7 +19,8 @@ from soliton_linkage_studies.figures import FIGURES
 from soliton_linkage_studies.settings import Section
 
 _FINE = 40_000
-"""Number of steps of a curve whose slopes are compared with theory [1]; their error is 1e-7."""
+"""Number of steps of a curve whose slopes are compared with theory [1]; the slopes then have an
+error of 1e-7."""
 _SHAPE = 1.9
 """Width of a panel of the unit cells, divided by its height [1]."""
 _REGIONS = {
@@ -159,7 +160,7 @@ def _draw_solid_torus(axes: Axes3D, curves: tuple[Array, ...], letter: str) -> N
 
 
 def on_torus(around: Array, across: Array) -> tuple[Array, Array, Array]:
-    """Return points on a torus of minor radius 1 from their angles around axis and tube [rad]."""
+    """Return points on a torus of minor radius 1, given their angles about axis and tube [rad]."""
     radius = _RADIUS + np.cos(across)
     return radius * np.cos(around), radius * np.sin(around), np.sin(across)
 

@@ -56,9 +56,10 @@ Angles φ of the rotors in one snapshot of the slowest wall. Far from the wall, 
 blue) and odd rotors (hollow blue) differ by the constant π − 2 θ̄.
 """
 _FAR = 5
-"""Number of rotors at an edge that a wall in the middle of the chain does not turn [1]."""
+"""Number of rotors at each edge that a wall in the middle of the chain leaves at rest [1]."""
 _PROFILES = 4
-"""Largest number of drawn profiles [1]: those of the slowest walls, because more would overlap."""
+"""Largest number of drawn profiles [1]. The slowest walls are drawn; more profiles would
+overlap."""
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ def convergence_order(stiffnesses: ArrayLike, distances: ArrayLike) -> float:
 
 
 def draw_convergence(axes: Axes, stiffnesses: ArrayLike, distances: ArrayLike, label: str) -> None:
-    """Draw angle deviations [rad] against stiffnesses [N/m], and a line of slope -1 (log axes)."""
+    """Draw angle differences [rad] against stiffnesses [N/m] and a line of slope -1 (log axes)."""
     across, up = np.asarray(stiffnesses), np.asarray(distances)
     first_order = up[-1] * across[-1] / across
     axes.loglog(across, up, 'o', color=MEASURED, label=label)
@@ -49,7 +49,7 @@ _PATH = ('time [sqrt(M/k_e)]', 'wall at rotor [rotor spacings]')
 
 @FIGURES.add('elastic_against_rigid')
 def rigid_limit_figure(section: Section, quick: bool) -> FigureReport:
-    """Draw wall paths for increasing stiffness, and the angle deviation from rigid bars."""
+    """Draw wall paths for increasing stiffness, and the angle differences from rigid bars."""
     section.check_keys('chain', 'kick', 'duration', 'factors')
     chain = section.chain()
     factors = section.numbers('factors', 1.0, 1e9)

@@ -181,7 +181,10 @@ def _compare_tail(report: FigureReport, chain: Chain) -> None:
 
 
 def wavelength(deviation: Array) -> float:
-    """Return twice the mean distance of interpolated zeros [rotor spacings], or infinity."""
+    """Return twice the mean distance of successive zeros [rotor spacings].
+
+    Zeros are interpolated linearly. For fewer than two zeros the result is infinite.
+    """
     before = np.flatnonzero(np.signbit(deviation[:-1]) != np.signbit(deviation[1:]))
     if len(before) < 2:
         return math.inf

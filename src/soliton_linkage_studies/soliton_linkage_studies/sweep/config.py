@@ -29,7 +29,7 @@ _FRACTIONS = (*_DEVIATIONS, 'scale')
 _MOST_POINTS = 10_000
 """Largest number of points of an axis [1]; larger numbers are probably typing errors."""
 _MOST_ROWS = 10_000_000
-"""Largest number of rows of a table [1], which then has about a gigabyte."""
+"""Largest number of rows of a table [1]; such a table has a size of about one gigabyte."""
 
 
 def _limits() -> dict[str, tuple[float, float]]:
@@ -100,7 +100,7 @@ class SweepStudy:
         return {axis.name: values[axis.name] for axis in self.axes}, self.seeds[seed]
 
     def cells(self, row: int) -> list[str]:
-        """Measure a row; return its columns as text, the last one empty or an error message."""
+        """Measure a row; return its cells as text. The last cell is empty or an error message."""
         values, seed = self.point(row)
         measured, failure = [''] * len(self.measure.columns), ''
         try:

@@ -86,7 +86,7 @@ def draw_sweep(axes: Axes, study: SweepStudy, rows: Sequence[dict[str, str]]) ->
 
 
 def shares(study: SweepStudy, rows: Sequence[dict[str, str]]) -> Array:
-    """Return which fraction of the seeds gives each class, shape (*axes, classes)."""
+    """Return the fraction of seeds in each class at each point [1], shape (*axes, classes)."""
     shown = np.array([row[study.measure.shown] for row in rows])
     each = np.stack([shown == name for name in study.measure.classes], axis=-1)
     return np.asarray(each.reshape(*_shape(study), -1).mean(axis=-2))
@@ -104,7 +104,7 @@ def is_map(axes: Sequence[Axis]) -> bool:
 
 
 def curve_axes(axes: Sequence[Axis]) -> tuple[Axis, list[Axis]]:
-    """Return the axis with the most values, against which curves are drawn, and the other axes."""
+    """Return the axis with the most values (the x axis of the curves), and the other axes."""
     along = max(axes, key=lambda axis: len(axis.values))
     return along, [axis for axis in axes if axis is not along]
 
@@ -228,7 +228,7 @@ def _curve_label(study: SweepStudy, families: bool) -> str:
 
 
 def _blended(each: Array, classes: Sequence[str]) -> Array:
-    """Return the colour of the most frequent class at each point, paler if fewer seeds give it."""
+    """Return the colour of the most frequent class at each point, paler for a smaller fraction."""
     colours = np.array([to_rgb(CLASS_COLOURS[name]) for name in classes])
     share = each.max(axis=-1, keepdims=True)
     return np.asarray(share * colours[each.argmax(axis=-1)] + (1 - share))

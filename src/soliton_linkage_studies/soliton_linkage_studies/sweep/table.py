@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Table of a sweep, which survives interruptions.
+"""Table of a sweep that can be interrupted and continued.
 
 Each finished row is appended to a part file, beside a copy of the configuration. When all rows are
 finished, they are sorted and written to the table file.
@@ -136,7 +136,8 @@ def fill_table(
     """Measure the missing rows of a table; return its path and all its rows.
 
     The rows are measured by local processes, or on a Dask cluster if its address `scheduler` is
-    given. Raises ChildProcessError if a worker ends early; the finished rows are kept.
+    given. Raises ChildProcessError if a worker ends unexpectedly; finished rows remain in the part
+    file.
     """
     with Table(study, folder) as table:
         missing = table.missing

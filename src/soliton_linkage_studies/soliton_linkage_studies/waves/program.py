@@ -30,7 +30,8 @@ from soliton_linkage_studies.program import run_parallel, study_command
 from soliton_linkage_studies.settings import Section, load_settings, setting
 
 _FIRST = 3
-"""First rotor at which the arrival of a packet is timed [1], outside the near field of rotor 0."""
+"""Index of the first rotor at which the arrival of a packet is timed [1]; rotors nearer to rotor 0
+are in its near field."""
 _TOLERANCE = 1e-8
 """Largest integration error of an angle per step [rad], far smaller than amplitudes of bursts."""
 
@@ -108,7 +109,8 @@ class WaveRun:
 
     @property
     def displacement(self) -> float:
-        """Mean displacement of the kink in the last fifth of the frames [rotor spacings]."""
+        """Displacement of the kink, averaged over the last fifth of the frames [rotor
+        spacings]."""
         return float(np.mean(self._last) - self.sites[0])
 
     @property
@@ -135,7 +137,10 @@ def analysed_sites(chain: Chain, recording: Recording) -> Array:
 
 
 def group_velocity(chain: Chain, frequency: float) -> float:
-    """Return the group velocity of phonons [rotor spacings/s], 0 if none has this `frequency`."""
+    """Return the group velocity of phonons [rotor spacings/s], given their frequency [rad/s].
+
+    The result is 0 for a frequency outside the phonon band.
+    """
     low, high = band_edges(chain)
     if not low < frequency < high:
         return 0.0
