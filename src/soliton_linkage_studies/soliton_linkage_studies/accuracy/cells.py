@@ -24,7 +24,8 @@ _MOTIONS = tuple(Motion)
 _PERIODS = (0.05, 0.5)
 """Range of the frame period [time units]: 1000 to 100 Hz for M = 0.02 kg and k_e = 50 N/m."""
 _NEAREST = 0.02
-"""Smallest |d - d_c| / d_c of a random cell [1]: lean ratio d and its critical value d_c."""
+"""Smallest |d - d_c| / d_c of a random cell [1] for the lean ratio d and its critical value
+d_c."""
 _WIDEST = 3.0
 """Largest lean ratio d of spinners, divided by the critical value d_c [1]."""
 _LONGEST = 4.0
@@ -80,7 +81,7 @@ class AccuracyCell:
     offsets: float = 0.0
     """Offset of the encoder of every tenth rotor [rad]."""
     damping: float = 0.0
-    """The rotor rates decay as exp(-`damping` t) [1 / time unit]."""
+    """Decay rate of the rotor rates due to damping [1 / time unit]."""
     damping_known: bool = False
     """Whether the analyser is configured with the damping."""
     length_error: float = 0.0

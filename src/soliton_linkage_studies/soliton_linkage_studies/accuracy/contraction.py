@@ -131,11 +131,12 @@ def passage_of(
     """Measure speed and width of a wall on its first passage through the middle of the chain.
 
     `frames` contains the walls found at each of the `times` [s], shape (T,). Only frames with
-    exactly one wall are used. The speed is the slope of a line fitted to the wall positions. Its
-    standard deviation is that of the difference of two positions with independent errors, divided
-    by the duration of the passage. The width is the mean over the frames. Its standard deviation
-    is the smallest one that the analyser states in a frame, because the widths in successive
-    frames are correlated. Raises ValueError for fewer than ten frames.
+    exactly one wall are used. The speed is the slope of a line fitted to the wall positions. The
+    standard deviation of the speed is the standard deviation of the difference of two positions
+    with independent errors, divided by the duration of the passage. The width is the mean over the
+    frames. The standard deviation of the width is the smallest one that the analyser states in a
+    frame; the mean is hardly more accurate, because the widths in successive frames are
+    correlated. Raises ValueError for fewer than ten frames.
     """
     both = zip(times, frames, strict=True)
     alone = [(time, walls[0]) for time, walls in both if len(walls) == 1]

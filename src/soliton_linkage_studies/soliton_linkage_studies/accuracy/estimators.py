@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Estimators of the wall position from one noisy frame, and their errors on known walls.
 
-The Cramer-Rao bound of the position is sigma / Lambda [rotor spacings]. The angle noise is
-independent, with standard deviation sigma [rad], and Lambda is the arc length of the zero-energy
+The Cramer-Rao bound of the position is sigma / Lambda [rotor spacings]. The noise of the angles is
+independent and has the standard deviation sigma [rad]. Lambda is the arc length of the zero-energy
 orbit per rotor spacing [rad].
 """
 
@@ -32,7 +32,8 @@ ORBIT_NEAR = 'nearest point of the orbit'
 ORBIT_COLD = 'the same, without a guess'
 
 _FROM_EDGE = 2.0
-"""Smallest distance of a tested wall from the edges [wall widths], which change its shape."""
+"""Smallest distance of a tested wall from the edges [wall widths], because edges change its
+shape."""
 _LOST_WIDTHS = 2.0
 """An estimate has failed if its error is above both this [wall widths] and `_LOST_BOUNDS`."""
 _LOST_BOUNDS = 6.0
@@ -88,11 +89,11 @@ def estimators_of(chain: Chain) -> dict[str, Estimator]:
 def errors(chain: Chain, trial: EstimatorTrial, generator: Generator) -> dict[str, Array]:
     """Return the errors and margins of each estimator in the frames of a trial [rotor spacings].
 
-    Each array has shape (frames, 2); the search without a start uses only some of the frames. A
-    margin is half the width of the stated 95 % interval. The true walls are at random positions
-    within `inner_positions`, on random legs. The error is NaN if the estimator finds no wall,
-    several walls or a wrong leg, or if its error exceeds both two wall widths and six Cramer-Rao
-    bounds.
+    Each array has shape (frames, 2). The search without a guess is tested on fewer frames, because
+    it is slow. A margin is half the width of the stated 95 % interval. The true walls are at
+    random positions within `inner_positions`, on random legs. The error is NaN if the estimator
+    finds no wall, several walls or a wrong leg, or if its error exceeds both two wall widths and
+    six Cramer-Rao bounds.
     """
     orbit = orbit_of(chain)
     widths = _LOST_WIDTHS * chain.wall_width / chain.spacing

@@ -52,9 +52,10 @@ without an interval have no point. Thin pale grey lines separate the chains.
 {_ESTIMATORS}
 """
 _BIASES = f""" Absolute bias of estimators without noise against the wall position between two even
-rotors, one panel per chain. The bias changes sign where a line dips: by symmetry at a rotor and
-half way between rotors. The thin dashed grey line marks {{unbiased:g}} rotor spacings, below which
-an estimator is regarded as unbiased. Values below {{rounding:g}} are drawn at this limit.
+rotors, one panel per chain. The bias changes sign at the sharp minima of a line: by symmetry
+at a rotor and half way between rotors. The thin dashed grey line marks {{unbiased:g}} rotor
+spacings, below which an estimator is regarded as unbiased. Values below {{rounding:g}} are drawn
+at this limit.
 
 {_ESTIMATORS}
 """
@@ -153,7 +154,7 @@ class FrameStudy:
     noises: tuple[float, ...]
     """Tested standard deviations of the noise of each angle [rad]."""
     trial: estimators.EstimatorTrial
-    """Parameters of the tested frames; the noise is replaced by each of `noises`."""
+    """Parameters of the tested frames; their noise is replaced by each of `noises` in turn."""
     seed: int
 
     def tasks(self) -> list[Callable[[], Any]]:
@@ -173,7 +174,7 @@ class FrameStudy:
         draw_bias(biases).save(folder, 'bias_by_position')
 
     def sample(self, chain: int, noise: int, chunk: int) -> dict[str, Array]:
-        """Return `errors` for a chunk; the arguments are indices of chain, noise and chunk."""
+        """Return `errors` for one chunk of frames, given the indices of chain, noise and chunk."""
         frames = min(_CHUNK, self.trial.frames - chunk * _CHUNK)
         trial = replace(self.trial, frames=frames, noise=self.noises[noise])
         generator = np.random.default_rng([self.seed, chain, noise, chunk])

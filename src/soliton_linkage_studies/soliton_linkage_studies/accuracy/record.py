@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Errors of the recursive estimator of a wall at constant velocity, after n frames.
 
-Each of the n frames, of period dt, gives a wall position of variance s^2 = (sigma / Lambda)^2 with
-the angle noise sigma and the arc length Lambda per rotor spacing. The bounds are the variances of
-a line that is fitted to these positions: 2 (2 n - 1) / (n (n + 1)) s^2 for the position in the
-last frame, and 12 / (n (n^2 - 1) dt^2) s^2 for the velocity.
+Each of the n frames gives a wall position with the variance s^2 = (sigma / Lambda)^2. Here sigma
+is the standard deviation of the angle noise, and Lambda is the arc length of the orbit per rotor
+spacing. The frame period is dt. The bounds are the variances of a line that is fitted to these
+positions: 2 (2 n - 1) / (n (n + 1)) s^2 for the position in the last frame, and 12 / (n (n^2 - 1)
+dt^2) s^2 for the velocity.
 """
 
 from __future__ import annotations
@@ -111,7 +112,7 @@ class RecordStudy:
         return orbit.arc_at(ahead if leg % 2 == 0 else last - ahead, leg)
 
     def bounds(self, chain: Chain) -> tuple[Array, Array]:
-        """Return bounds of the rms errors: position [rotor spacings], relative velocity [1]."""
+        """Return bounds of the rms errors: position [rotor spacings] and relative velocity [1]."""
         n = self.shown.astype(np.float64)
         single = bound(chain, self.noise)
         of_position = single * np.sqrt(2 * (2 * n - 1) / (n * (n + 1)))

@@ -35,14 +35,15 @@ from soliton_linkage_studies.settings import Section
 from soliton_linkage_studies.sweep.table import fingerprint
 
 _LOST_WIDTHS = 2.0
-"""A true wall is lost if every reported wall is farther than this [wall widths], than `_LOST` and
-than `_LOST_DEVIATIONS`."""
+"""A true wall is lost if each reported wall is farther away than this [wall widths], farther than
+`_LOST`, and farther than `_LOST_DEVIATIONS`."""
 _LOST = 1.0
-"""See `_LOST_WIDTHS` [rotor spacings]."""
+"""Second limit of the distance of a lost wall [rotor spacings]; see `_LOST_WIDTHS`."""
 _LOST_DEVIATIONS = 6.0
-"""See `_LOST_WIDTHS` [stated standard deviations of the reported position]."""
+"""Third limit of the distance of a lost wall [stated standard deviations]; see `_LOST_WIDTHS`."""
 _LARGEST_DEVIATION = 0.25
-"""A reported wall is false if its stated position deviation is above this [chain lengths]."""
+"""A reported wall is false if the stated standard deviation of its position is above this [chain
+lengths]."""
 _FALSE_MISFIT = 0.5
 """In a scene without walls, a reported wall is false if its rms misfit is above this [rad]."""
 _CORE = 2.5
@@ -52,8 +53,8 @@ _SCENES = 8
 _LONGER = 2
 """Number of frames of a scene, divided by the number of frames of a record [1]."""
 _NEAR = 3.0
-"""The wrong reading is, with probability 1/2, at most this far from the wall [rotor spacings];
-otherwise it is at a random rotor."""
+"""With probability 1/2, the wrong reading is at most this far from the wall [rotor spacings].
+Otherwise it is at any random rotor."""
 
 
 def records(cell: AccuracyCell, frames: int, random: Generator) -> Iterator[Scores]:
@@ -77,7 +78,7 @@ def records(cell: AccuracyCell, frames: int, random: Generator) -> Iterator[Scor
 def record(
     cell: AccuracyCell, template: Analyser, scene: WallScene, frames: range, random: Generator
 ) -> Scores:
-    """Return the scores of a copy of `template`, an analyser that has not seen any frame yet."""
+    """Analyse frames of a scene with a copy of the unused analyser `template`; return scores."""
     analyser, scores = deepcopy(template), Scores()
     if scene.charges:
         sound = speed_of_sound(cell.chain) / cell.chain.spacing
@@ -105,7 +106,7 @@ def record(
         if cell.impulses_known and frame in scene.impulse_frames:
             analyser.apply_impulse(stamp, scene.impulses[scene.impulse_frames.index(frame)])
         analysis = analyser.analyse(stamp, angles)
-        if analysis is None:  # Because of jitter, the stamp is not later than the previous one.
+        if analysis is None:  # Jitter has made the stamp earlier than the previous one.
             continue
         if last or not cell.wrong_reading:
             _score(cell, scene, frame, analysis, scores)
@@ -239,7 +240,10 @@ class CellStudy:
         return len(self.all)
 
     def cells(self, row: int) -> list[str]:
-        """Measure the cell of a row; return its columns, the last one empty or an error text."""
+        """Measure a test cell; return its row as text.
+
+        The last column is an error message, or empty if the measurement succeeded.
+        """
         cell = self.all[row]
         line: dict[str, float] = {}
         failure = ''

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Noiseless frames of elastic chains, and the true positions of the walls in them.
 
-The position of a wall in a frame is that of the nearest static wall. It is averaged over the
-shorter of two times: a period of the slowest phonon, and the time in which the wall moves by one
-rotor spacing. An anti-kink may oscillate in a well of the energy. Therefore its averaging time is
-at most 1/16 of the period of this oscillation. The velocity is the slope of a line that is fitted
-to the positions in a time three times as long. A cubic replaces the line in three cases: walls so
-slow that their speed varies between rotors, damped chains, and chains with force terms. With force
-terms, the time of the fit is six times that of the average, the acceleration of the cubic corrects
-the average, and there is no averaging near the start or the stop of a wall. No average extends
-across an impulse.
+The position of a wall in a frame is the position of the static wall nearest to this frame. The
+position is averaged over the shorter of two times: a period of the slowest phonon, and the time in
+which the wall moves by one rotor spacing. An anti-kink may oscillate in a well of the energy.
+Therefore its averaging time is at most 1/16 of the period of this oscillation. The velocity is the
+slope of a line that is fitted to the positions over three times the averaging time. A cubic
+replaces the line in three cases: walls so slow that their speed varies between rotors, damped
+chains, and chains with force terms. With force terms, the fit extends over six times the averaging
+time, the acceleration of the cubic corrects the average, and there is no averaging near the start
+or the stop of a wall. No average extends across an impulse.
 """
 
 from __future__ import annotations
@@ -47,26 +47,28 @@ _FROM_EDGE = 1.0
 _BEGIN = 2.0
 """Smallest distance of a moving wall from both edges at the start [rotor spacings]."""
 _SAMPLES = 200
-"""Number of orbit points near the first edge [1] that are compared with the rest state."""
+"""Number of orbit points near the first edge [1]; the search for a kicked wall starts at the point
+nearest to the rest state."""
 _LEGS = 2.0
 """Longest random path of a kicked wall before the scene starts [edge-to-edge passages]."""
 _WINDOWS, _FORCED_WINDOWS = 3, 6
-"""Length of the window for the fit of a slope, divided by that of the averaging window [1]; the
-second value is for chains with force terms."""
+"""Length of the window for the fit of a slope, divided by the length of the averaging window [1].
+The second value is for chains with force terms."""
 _PERIOD_SHARE = 1 / 16
 """Longest averaging time, divided by the oscillation period of an anti-kink in a well [1]. The
 fitted slope then is the velocity with an error of 4 %."""
 _STOPPED = 0.02
 """A wall counts as stopped if its speed is below this fraction of its largest speed [1]."""
 _CHAINS = 200
-"""Largest number of random chains that are drawn until a wall can pass through one [1]."""
+"""Largest number of random chains that are tried to find one that a wall can pass [1]."""
 _IMPULSE_REACH = 1.5
 """Largest distance between the wall and a rotor that receives an impulse [rotor spacings]."""
 # Scenes with several walls:
 _FEWEST = 20
 """Smallest number of frames of a scene with several walls [1]."""
 _DRAWS = 20
-"""Largest number of scenes that are drawn until the walls of one stay intact and apart [1]."""
+"""Largest number of random scenes that are tried to find one whose walls stay intact and apart
+[1]."""
 _SLOWER = 0.7
 """After each failed draw of a scene, the initial speed of anti-kinks is multiplied by this [1]."""
 _JITTER = 0.05
@@ -91,7 +93,8 @@ class WallScene:
     """Velocities of the walls [rotor spacings / s], shape (T, K)."""
     charges: tuple[int, ...]
     legs: Array
-    """Number of the wall's passage from edge to edge, shape (T,); -1 unless K = 1."""
+    """Orbit leg of the wall (index of its passage from edge to edge), shape (T,); -1 unless K =
+    1."""
     scored: NDArray[np.bool_]
     """Whether a wall is scored, shape (T, K); walls near an edge are not."""
     impulse_frames: tuple[int, ...] = ()
@@ -101,7 +104,10 @@ class WallScene:
 
 
 def scene_of(cell: AccuracyCell, frames: int, random: Generator) -> WallScene:
-    """Simulate `frames` frames, or fewer if walls meet; impulses act only on a single wall."""
+    """Simulate `frames` frames, or fewer if walls meet.
+
+    Impulses act only if the cell has a single wall.
+    """
     chain = cell.chain
     if cell.noise_only:
         angles = random.uniform(-math.pi, math.pi, (frames, chain.number_of_rotors))
@@ -126,9 +132,9 @@ def _without_walls(angles: Array, kinetic: Array) -> WallScene:
 
 
 def frames_beside(speed: float, cell: AccuracyCell, barrier_speed: float = 0.0) -> int:
-    """Return how many frames before a frame, and how many after it, its average position includes.
+    """Return the number of frames on each side of a frame that its average position includes.
 
-    `speed` is the wall speed, and `barrier_speed` as in `WallPath` [rotor spacings/s].
+    `speed` is the wall speed [rotor spacings/s]. For `barrier_speed`, see `WallPath`.
     """
     # An anti-kink in a well oscillates with the period 2 / barrier_speed.
     well = barrier_speed / (2 * _PERIOD_SHARE)

@@ -47,7 +47,7 @@ class Springs:
         self._lengths, self._inertias = chain.rotor_lengths, chain.moments_of_inertia
 
     def advance(self, damping: Array | None = None) -> None:
-        """Advance by one frame period; the rates decay at `damping` [1/s], shape (N,)."""
+        """Advance by one frame period; `damping` contains the decay rates [1/s], shape (N,)."""
         step = self.period / self._steps
         kept = np.ones(len(self.angles)) if damping is None else np.exp(-damping * step)
         given = (self._lengths, self._inertias, self._bonds, kept)
@@ -66,7 +66,10 @@ class Springs:
 
 
 class ForcedSprings(Springs):
-    """Chain with force terms, which this module cannot integrate; the simulator replaces it."""
+    """Simulation of a chain with force terms by `ElasticSimulation`.
+
+    The integrator of this module supports no force terms.
+    """
 
     def __init__(self, chain: Chain, angles: Array, rates: Array, period: float) -> None:
         super().__init__(chain, angles, rates, period)

@@ -21,29 +21,30 @@ COLUMNS = (
     *('rate_coverage_1', 'rate_coverage_2', 'rate_bias', 'kinetic_rms', 'error_rms'),
     *('deviation_median', 'shift_max', *_FAILURES),
 )
-"""Columns that are measured for a test cell (`AccuracyCell`). `speed` is that of the fastest wall
-[speed of sound]. Columns that begin with `position`, `rate` or `kinetic` are statistics of the
-error of wall position, wall velocity or kinetic energy, divided by its stated standard deviation;
-`instant_rms` uses the wall position without an average over time. `rms` is the root mean square
-and `rms_error` its standard error; `99` and `max` are the 99 % quantile and the maximum of the
-absolute value; `beyond_4`, `coverage_1` and `coverage_2` are the fractions of absolute values
-above 4, below 1 and below 2 [%]; `bias` is the mean. `error_rms` is the rms position error and
-`deviation_median` the median of its stated standard deviation [rotor spacings]. `shift_max` is the
-largest shift of a position by a wrong reading, divided by the stated standard deviation. `lost`
-and `false` are numbers of walls, and `wrong_leg` is a number of frames."""
+"""Columns that are measured for a test cell (`AccuracyCell`). `speed` is the speed of the fastest
+wall [speed of sound]. Columns that begin with `position`, `rate` or `kinetic` are statistics of
+the error of wall position, wall velocity or kinetic energy, divided by its stated standard
+deviation; `instant_rms` uses the wall position without an average over time. `rms` is the root
+mean square and `rms_error` its standard error. `99` and `max` are the 99 % quantile and the
+maximum of the absolute value. `beyond_4`, `coverage_1` and `coverage_2` are the fractions of
+absolute values above 4, below 1 and below 2 [%]. `bias` is the mean. `error_rms` is the rms
+position error and `deviation_median` the median of its stated standard deviation [rotor spacings].
+`shift_max` is the largest shift of a position by a wrong reading, divided by the stated standard
+deviation. `lost` and `false` are numbers of walls, and `wrong_leg` is a number of frames."""
 WALL_VALUES = ('position', 'instant', 'rate', 'error', 'deviation', 'rate_error')
 """Values of each found wall. The first three are errors of the position averaged over time, of the
 position at this instant and of the velocity, divided by their stated standard deviations [1]. The
 others are the position error and its stated standard deviation [rotor spacings], and the relative
 error of the velocity [1]."""
 CONSISTENT = (0.95, 1.05)
-"""Stated deviations count as consistent if the rms normalised error is in this range [1]."""
+"""Stated standard deviations are consistent if the rms normalised error is in this range [1]."""
 _SIGNIFICANT = 3.0
-"""A difference is significant if it is above this [standard errors]; 1 of 400 is so by chance."""
+"""A difference is significant if it is above this [standard errors]; one of 400 is above by
+chance."""
 _SINGLE_RECORD = 0.3
 """Assumed relative standard error of a root mean square over a single record [1]."""
 _LARGER = 1.1
-"""An error counts as larger than that in the earlier table if their ratio is above this [1]."""
+"""An error counts as larger if its ratio to the error in the earlier table is above this [1]."""
 _USEFUL = 2.0
 """Position errors are compared only if `position_rms` in the earlier table was below this [1]."""
 _FEWER = 0.01
@@ -63,7 +64,8 @@ class Scores:
     kinetic: list[float] = field(default_factory=list)
     """Errors of the kinetic energy, divided by their stated standard deviations [1]."""
     shifts: list[float] = field(default_factory=list)
-    """Shifts of the position by the wrong reading, divided by its stated deviation [1]."""
+    """Shifts of positions by the wrong reading, divided by their stated standard deviations
+    [1]."""
     speed: float = 0.0
     """Speed of the fastest wall of the scene [speed of sound]."""
     frames: int = 0
@@ -185,7 +187,7 @@ def _less_consistent(name: str, row: Row, old: Row, useful: bool) -> list[str]:
 
 
 def _more_failures(name: str, row: Row, old: Row) -> list[str]:
-    """Return one line if failures `name` are significantly more frequent than in `old`."""
+    """Return one line if the failures `name` are significantly more frequent than in `old`."""
     share, earlier = _rate(row, name), _rate(old, name)
     misplaced = _large_errors(row), _large_errors(old)
     if name == 'lost' and math.isfinite(sum(misplaced)):

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""True positions of walls in noiseless frames, each that of the nearest static wall.
+"""True wall positions in noiseless frames: the position of the nearest static wall.
 
-The static walls of a kink (`static_wall`) have zero energy at every position. Those of an
-anti-kink are the states of least energy at each position (`anti_kink_path`). If the anti-kink is
-pinned, it has only one equilibrium per two rotor spacings (`resting_anti_kink`).
+Static kinks (`static_wall`) have zero energy at every position. Static anti-kinks are the states
+of least energy at each position (`anti_kink_path`). If the anti-kink is pinned, it has only one
+equilibrium per two rotor spacings (`resting_anti_kink`).
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _CLOSE = 1e-6
 
 
 def reach(chain: Chain) -> float:
-    """Return how far a wall extends to each side [rotor spacings], apart from tails below 1 %."""
+    """Return the distance from a wall at which its tails have decayed to 1 % [rotor spacings]."""
     return 2.5 * max(chain.wall_width, penetration_depth(chain)) / chain.spacing + 3
 
 
@@ -68,7 +68,8 @@ class WallPath:
     left: Array
     """Angles of an even and an odd rotor far to the left of the wall [rad], shape (2,)."""
     barrier_speed: float = 0.0
-    """A slower anti-kink oscillates in a well of the energy [spacings/s]; 0 for other walls."""
+    """Speed below which an anti-kink oscillates in a well of its energy [spacings/s]; 0 for
+    kinks."""
 
     @property
     def pinned(self) -> bool:
@@ -97,7 +98,7 @@ class WallPath:
         return self.rest_position + 2 * round((position - self.rest_position) / 2)
 
     def relative_angles(self, rotors: int, position: float) -> Array:
-        """Return the angles minus those of the state left of the wall [rad], shape (rotors,)."""
+        """Return the angles minus those of the uniform state left of the wall [rad], (rotors,)."""
         first, angles, _ = self.window(position)
         relative = angles - np.tile(self.left, len(angles) // 2 + 1)[: len(angles)]
         added = _placed(rotors, first, relative)
@@ -145,7 +146,7 @@ class WallPath:
 
 
 def _placed(rotors: int, first: int, values: Array) -> Array:
-    """Return values of successive rotors from `first` on, and 0 for all others, (rotors,)."""
+    """Return an array of shape (rotors,): `values` from index `first` on, 0 elsewhere."""
     placed = np.zeros(rotors)
     numbers = np.arange(first, first + len(values))
     inside = (numbers >= 0) & (numbers < rotors)

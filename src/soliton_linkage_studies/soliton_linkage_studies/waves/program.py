@@ -109,8 +109,7 @@ class WaveRun:
 
     @property
     def displacement(self) -> float:
-        """Displacement of the kink, averaged over the last fifth of the frames [rotor
-        spacings]."""
+        """Displacement of the kink, averaged over the last fifth of the frames [spacings]."""
         return float(np.mean(self._last) - self.sites[0])
 
     @property
