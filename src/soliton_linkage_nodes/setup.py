@@ -25,7 +25,8 @@ COMMANDS = [
     *('action', 'bag', 'interface', 'lifecycle', 'node', 'param', 'rig', 'run', 'service', 'topic')
 ]
 # colcon installs programs where `ros2 run` finds them. A wheel would install them on PATH, where
-# such general names can conflict with others. There `soliton-linkage run` starts them.
+# such general names can conflict with other programs. Therefore a wheel contains none of these
+# programs, and `soliton-linkage run` starts them.
 EXECUTABLES = [] if {'install', 'develop'}.isdisjoint(sys.argv) else [*NODES, *PROGRAMS]
 
 

@@ -22,8 +22,8 @@ NAMED = {path.stem: path for path in sorted(EXAMPLES.glob('*.yaml'))}
 BAGS = ('each', 'one')
 SUITE = ('simulator', 'edge_actuator', 'soliton_analyser', 'soliton_steering')
 RESPAWN = {'respawn': True, 'respawn_delay': 1.0, 'respawn_max_retries': 100}
-"""Arguments of launch by which a process that ends is restarted after 1 s. After 100 restarts it
-is not restarted again, because it probably cannot start."""
+"""Arguments with which launch restarts an ended process after 1 s. It restarts a process at most
+100 times, because a process that has ended so often probably cannot start."""
 
 
 def chains_of(path):

@@ -27,8 +27,8 @@ IN_ORDER = ('bag_recorder', 'soliton_analyser', 'soliton_steering', 'edge_actuat
 """Nodes that start one after the other, in this order. The node that publishes joint_states starts
 after these nodes, because they subscribe to this topic."""
 RESPAWN = {'respawn': True, 'respawn_delay': 1.0, 'respawn_max_retries': 100}
-"""Arguments of launch by which a process that ends is restarted after 1 s. After 100 restarts it
-is not restarted again, because it probably cannot start."""
+"""Arguments with which launch restarts an ended process after 1 s. It restarts a process at most
+100 times, because a process that has ended so often probably cannot start."""
 
 
 def nodes(context):

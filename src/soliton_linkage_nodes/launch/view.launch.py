@@ -34,7 +34,7 @@ LAYOUTS = {
 TOPICS = '|'.join(
     re.escape(t.name) for t in (*SUITE_TOPICS, *DISPLAY_TOPICS) if not t.name.startswith('/')
 )
-# Each chain has its own frame tree, in its namespace.
+# Each chain has its own tree of coordinate frames, on topics in its namespace.
 FRAMES = [('/tf', 'tf'), ('/tf_static', 'tf_static')]
 ADDRESS, PORT = '127.0.0.1', 8765
 
@@ -49,7 +49,7 @@ def installed(package):
 
 
 def layout_in(namespace, view):
-    """Return the path of the layout for a viewer, in which the topics have the `namespace`."""
+    """Return the path of a layout for a viewer, with all topics in the `namespace`."""
     path = CONFIGURATIONS / 'views' / LAYOUTS[view]
     prefix = namespace.strip('/')
     if not prefix:
@@ -64,7 +64,7 @@ def layout_in(namespace, view):
 def frames(namespace, config):
     """Return a list with the node that publishes the coordinate frames of the links.
 
-    It is empty if robot_state_publisher is not installed.
+    The list is empty if robot_state_publisher is not installed.
     """
     if not installed('robot_state_publisher'):
         return []
@@ -74,8 +74,8 @@ def frames(namespace, config):
             executable='robot_state_publisher',
             namespace=namespace,
             parameters=[{'robot_description': description_of_file(config)}],
-            # The visualisation already publishes the description of the current chain as
-            # robot_description.
+            # Rename this topic, because the visualisation publishes the description of the
+            # current chain on robot_description.
             remappings=[*FRAMES, ('robot_description', '~/robot_description')],
         )
     ]
