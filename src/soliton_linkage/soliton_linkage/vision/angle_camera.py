@@ -3,8 +3,8 @@
 
 The angle of a rotor is the direction from its pivot to the dot on its mass. The fitted position of
 a dot is a mean over the exposure time T of its row of pixels. Let t_row be the middle of this
-exposure, t the middle of the exposure of the pivots, omega the rate and alpha the acceleration of
-the rotor. The angle at t is
+exposure, omega the rate of the rotor, and alpha the acceleration of the rotor. All angles of a
+picture refer to one time t, the middle of the exposure of the pivots:
 
     phi(t) = phi_measured - alpha T^2 / 24 + omega (t - t_row) + alpha (t - t_row)^2 / 2.
 """
@@ -30,7 +30,8 @@ from soliton_linkage.vision.rotor_tracks import Pivots, RotorTracks
 _DOT_DEVIATION = 0.7
 """The assignment of dots to rotors assumes this standard deviation of a position [pixels]."""
 _SEARCHED = 5.0
-"""A dot is searched for up to this difference from its predicted angle [standard deviations]."""
+"""The dot of a rotor is searched for only up to this difference from the predicted angle [standard
+deviations]."""
 _MIN_RADIUS = 1.5
 """Dots with a smaller radius than this cannot be fitted [pixels]."""
 
@@ -52,7 +53,7 @@ class AngleFrame:
     frame_dots: Array
     """Centres of the dots of the frame markers [pixels], (K, 2)."""
     status: str
-    """Reason why rotors are hidden, or warning about the print scale; empty if there is none."""
+    """Reason why rotors are hidden, or warning about the print scale; empty without either."""
 
     @property
     def seen(self) -> int:
@@ -82,7 +83,10 @@ class AngleCamera:
         self._known: ChainPlane | None = None
 
     def measure(self, time: float, picture: Picture) -> AngleFrame:
-        """Measure the next picture, exposed from `time` [s] on; ValueError for a wrong size."""
+        """Measure the next picture, whose exposure begins at `time` [s].
+
+        Raises ValueError if the picture does not have the size of the camera.
+        """
         grey = self._camera.checked_grey(picture)
         if not self.frame_markers.update(grey):
             return self._hidden(
@@ -193,7 +197,7 @@ class AngleCamera:
         heights = np.concatenate([self._layout.heights] * 2)
         outlines = plane.metres_per_pixel(starts, heights) / self._layout.dot_radius
         # Only dots near their predictions are fitted. The prediction of a hidden rotor becomes
-        # uncertain, so that the dot is searched for on its whole circle.
+        # uncertain, so that the dot is searched for on the whole circle around the pivot.
         arms = _SEARCHED * angle_deviations * self.tracks.lengths / self._metres
         label = self._radius / DOT_SHARE
         reaches = label + np.concatenate([arms, np.where(self.pivots.known, 0.0, np.inf)])

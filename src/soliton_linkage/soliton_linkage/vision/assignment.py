@@ -25,12 +25,14 @@ _HIDDEN_COST = 14.0
 _MAX_ANGLE_COST = 30.0
 """Largest cost of a difference from a predicted angle [1]; after kicks, predictions are wrong."""
 _MAX_BOND_COST = 12.0
-"""Limit of the cost of a bond length [1]; without it, a wrong dot would hide the next rotor."""
+"""Largest cost of a wrong bond length [1]. Without this limit, the next rotor would count as
+hidden if one rotor were assigned a wrong dot."""
 _PIVOT_COST = 8.0
 """Additional cost of a dot at the position of any pivot [1]. Such a dot is probably the dot of
 this pivot; about one in fifty is the dot of a mass."""
 _MAX_LENGTH_ERROR = 4.0
-"""A candidate dot has a smaller error of its distance from the pivot [standard deviations]."""
+"""A dot is a candidate for a rotor only if the error of its distance from the pivot is smaller
+than this [standard deviations]."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +51,7 @@ class Prediction:
     """Predicted distances between the masses of neighbouring rotors [m], (N - 1,)."""
     bond_deviations: Array
     colours: NDArray[np.intp]
-    """Index in `COLOURS` of the dot of each mass, (N,)."""
+    """Colour of the dot on each mass, as an index in `COLOURS`, (N,)."""
 
 
 def assign_dots(
@@ -57,9 +59,10 @@ def assign_dots(
 ) -> NDArray[np.intp]:
     """Return the number of the dot on the mass of each rotor, or `HIDDEN`, (N,).
 
-    `points`, (2, K, 2), contains the positions of K dots [m] if they are at the height of even
-    rotors, and if they are at the height of odd rotors. `point_deviations`, (K,), are their
-    standard deviations [m]. `Dots` explains `colour_costs`.
+    `points`, (2, K, 2), contains two positions of each of K dots [m]: the first one is valid if
+    the dot is at the height of the even rotors, and the second one if it is at the height of the
+    odd rotors. `point_deviations`, (K,), are the standard deviations of the positions [m].
+    `colour_costs` is the field of `Dots`.
     """
     rotors = len(predicted.pivots)
     if not points.shape[1]:
@@ -106,7 +109,7 @@ def _own_costs(
 
 
 def _viterbi(costs: Array, bond_costs: Array) -> NDArray[np.intp]:
-    """Return the index of the most likely of W candidates of each rotor, (N,), W if hidden."""
+    """Return which of W candidates is the most likely for each rotor, (N,); W means hidden."""
     rotors, width = costs.shape
     own = np.column_stack([costs, np.full(rotors, _HIDDEN_COST)])
     steps = np.zeros((rotors - 1, width + 1, width + 1))

@@ -8,7 +8,8 @@ coefficients k1 to k6, p1 and p2, the lens maps a ray (x, y, 1) to
     q = x^2 + y^2,   R = (1 + k1 q + k2 q^2 + k3 q^3) / (1 + k4 q + k5 q^2 + k6 q^3),
 
 the model `rational_polynomial` of sensor_msgs/CameraInfo. The pixel is (fx x' + cx, fy y' + cy)
-for the focal lengths fx, fy and the principal point (cx, cy), relative to the first pixel.
+for the focal lengths fx, fy and the principal point (cx, cy), relative to the centre of the first
+pixel.
 """
 
 from __future__ import annotations
@@ -30,11 +31,11 @@ _MAX_ITERATIONS, _TOLERANCE = 50, 1e-6
 """The inversion of the lens model ends after this number of iterations [1], or when a step is
 smaller than this [pixels]. After 5 iterations, errors at wide angles are still 0.8 pixels."""
 _MIN_PICTURES, _MAX_PICTURES = 3, 60
-"""Smallest and largest number of pictures for a calibration [1]; with fewer ones, effects of focal
-lengths and distortion cannot be separated."""
+"""Smallest and largest number of pictures for a calibration [1]; with fewer pictures, effects of
+focal lengths and distortion cannot be separated."""
 _MIN_MOVE = 0.02
-"""A picture is used for the calibration if the corners have moved, on average, by at least this
-times the picture width since the last used picture [1]."""
+"""A picture is used for the calibration if the corners of the chessboard have moved, on average,
+by at least this times the width of the picture since the last used picture [1]."""
 
 
 @dataclass(frozen=True)
@@ -76,11 +77,11 @@ class Camera:
 
     @property
     def middle_delay(self) -> float:
-        """Time from the start of the exposure to the middle of that of the middle row [s]."""
+        """Time from the start of the exposure to the mid-exposure of the middle row [s]."""
         return self.exposure / 2 + self.row_time * self.height / 2
 
     def checked_grey(self, picture: Picture) -> Picture:
-        """Return a picture in grey; raise ValueError if it has not the size of the camera."""
+        """Return a picture in grey; raise ValueError if its size is not that of the camera."""
         size = (self.height, self.width)
         if picture.dtype != np.uint8 or picture.shape not in (size, (*size, 3)):
             raise ValueError(
@@ -136,8 +137,8 @@ class Calibration:
 def calibrate(pictures: Iterable[Picture], columns: int, rows: int, square: float) -> Calibration:
     """Calibrate a camera with pictures of a chessboard of `columns` x `rows` inner corners.
 
-    Squares have the side `square` [m]. Raises ValueError if fewer than 3 pictures of one size show
-    the whole chessboard.
+    `square` is the side of a square of the chessboard [m]. Raises ValueError if fewer than 3
+    pictures of one size show the whole chessboard.
     """
     cv2 = opencv()
     found: list[Array] = []

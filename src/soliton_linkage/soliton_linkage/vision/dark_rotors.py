@@ -2,10 +2,11 @@
 """Measurement of angles without markers: separate dark rotors on a light background.
 
 Each rotor is a dark bar. The moments of the darkness of a bar give the middle and the length of
-the bar, and a fitted line gives the axis. The pivots are those ends of the bars that lie on one
-common line. The camera must face the chain with rotor 0 on the left, and bonds must be thinner
-than rotors. The standard deviations of the angles are those due to pixel noise, multiplied by the
-ratio of the observed changes of bar lengths to those that pixel noise causes.
+the bar, and a fitted line gives the axis of the bar. The pivots are those ends of the bars that
+lie on one common line. The camera must face the chain with rotor 0 on the left, and bonds must be
+thinner than rotors. The standard deviation of an angle is computed from the pixel noise, and
+multiplied by a common factor. This factor is the ratio of the observed changes of bar lengths to
+the changes that pixel noise causes.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ _AREA_RANGE = (0.4, 1.8)
 """Smallest and largest accepted area of a rotor in the picture, relative to the median area of all
 rotors [1]; two rotors that touch have a larger area."""
 _MIN_ASPECT = 2.0
-"""The axis of a rotor is defined if its ratio of length to width is at least this [1]."""
+"""A dark spot counts as a rotor only if its ratio of length to width is at least this [1], so that
+its axis is defined."""
 _MAX_PIVOT_SHIFT = 0.35
 """Largest accepted shift of a pivot since the first picture, relative to the spacing [1]."""
 _ITERATIONS = 3
@@ -65,7 +67,10 @@ class DarkRotors:
         self._length_errors = FadingMeanSquare()
 
     def measure(self, time: float, picture: Picture) -> AngleFrame:
-        """Measure a picture that is exposed from `time` [s] on; ValueError for a wrong size."""
+        """Measure a picture whose exposure begins at `time` [s].
+
+        Raises ValueError if the picture does not have the size of the camera.
+        """
         bars = _bars(self._camera.checked_grey(picture))
         delay = self._camera.middle_delay
         if self._pivots is None and len(bars.middles) != self._rotors:
@@ -106,7 +111,7 @@ class DarkRotors:
     def _error_factor(
         self, rotors: NDArray[np.intp], bars: _Bars, which: NDArray[np.bool_]
     ) -> float:
-        """Return the ratio of the observed length errors to those that pixel noise causes [1]."""
+        """Return the ratio of observed length errors to errors due to pixel noise [1]."""
         lengths = np.hypot(*bars.halves[which].T)
         known = self._counts[rotors] > 0
         errors = (lengths - self._lengths[rotors]) / bars.deviations[which, 1]

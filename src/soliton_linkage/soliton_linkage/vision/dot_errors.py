@@ -1,22 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Position errors of dots by the compression, repeated pixels and dead zone of a video.
+"""Position errors of dots in videos, in particular if compression suppresses small motions.
 
 A mass stays on a circle around its pivot. Changes of its distance from the pivot are therefore
-errors, and errors along the circle are assumed to be equally large. A codec repeats pixels exactly
-where changes are below a threshold. A dot with repeated pixels may therefore have moved (dead
-zone). In videos with a dead zone, the errors are estimated from fast dots. The sixth divided
-differences of their angles contain only errors, because true angles vary smoothly. Let s^2 be the
-variance of resting dots, e^2 that of moving dots, and t the typical number of repetitions. A dot
-that has not moved since the first picture, and was repeated n times, has the variance
+errors, and errors along the circle are assumed to be equally large.
+
+A codec repeats the pixels of the previous picture exactly where changes are below a threshold. A
+dot with repeated pixels may therefore have moved by a small distance (dead zone). In videos with a
+dead zone, the errors are estimated from fast dots: true angles vary smoothly, so that the sixth
+divided differences of the angles contain only errors. Let s^2 be the error variance of resting
+dots, e^2 the error variance of moving dots, and t the typical number of successive repetitions. A
+dot that has not moved since the first picture, and was repeated n times, has the error variance
 
     s^2 + (e^2 - s^2) / (1 + n / t).
 
-A dot that has moved has the variance e^2 while its pixels are repeated, because repeated pixels
-keep the error of the moving dot.
+A dot that has moved keeps the error variance e^2 while its pixels are repeated, because repeated
+pixels repeat the error of the moving dot.
 
 The error of a fitted centre also depends on the position of the dot on the grid of pixels. While a
-dot rests, this error is constant, so that changes of its distance do not contain it. Therefore its
-variance, which is known from the frame markers, is part of s^2.
+dot rests, this error is constant, so that changes of the distance from the pivot do not contain
+it. Therefore the variance of this error, which is estimated from the frame markers, is added to
+s^2.
 """
 
 from __future__ import annotations
@@ -33,17 +36,22 @@ from soliton_linkage.vision.opencv import Picture
 MEMORY = 300
 """Number of pictures after which the weight of a value has decreased to 1/e."""
 _PRIOR_WEIGHT = 30.0
-"""In an estimate, the expected mean square counts like this number of values [1]."""
+"""In an estimate, the expected mean square has the weight of this number of measured
+values [1]."""
 _MAX_VALUE = 5.0
-"""Larger values, in units of the root mean square [1], are limited or ignored as other dots."""
+"""Values larger than this times the root mean square are limited or ignored [1], because they may
+belong to another dot."""
 _MOVING = 0.1
-"""A dot moves if its displacement between pictures exceeds this [pixels], ten times the noise."""
+"""A dot counts as moving if its displacement between two pictures exceeds this [pixels], which is
+ten times the noise."""
 _CODED_ERROR = 0.02
-"""Smallest assumed error of moving dots in a video with a dead zone, before fast dots have been
-observed [pixels]; codecs ignore displacements of up to 0.02 to 0.1. Sensitivity in the first
-second: at 0.5x, errors are up to 1.4 times their deviations, at 2x 0.4 to 0.7 times."""
+"""In a video with a dead zone, moving dots are assumed to have at least this error before fast
+dots have been observed [pixels]. Codecs ignore displacements of up to 0.02 to 0.1 pixels.
+Sensitivity in the first second: at 0.5x, errors are up to 1.4 times the stated standard
+deviations; at 2x, they are 0.4 to 0.7 times the stated ones."""
 _ORDER = 6
-"""Order of divided differences [1], which reduces the smooth motion to a thousandth."""
+"""Order of divided differences [1]; at this order, the contribution of the smooth motion decreases
+to a thousandth."""
 _RECORDED_STEP = 0.4
 """Every usable video records a displacement of this size between two pictures [pixels]. Smaller
 displacements may be lost in the dead zone."""
@@ -84,7 +92,7 @@ class RepeatDetector:
         self._before: Picture | None = None
 
     def compare(self, grey: Picture, centres: Array, radius: float) -> NDArray[np.bool_]:
-        """Return which dots have the same pixels as before within `radius` [pixels], (N,)."""
+        """Return which dots repeat the previous pixels within a `radius` [pixels], (N,)."""
         before, self._before = self._before, grey.copy()
         repeated = np.zeros(len(centres), dtype=bool)
         if before is None:
@@ -128,7 +136,8 @@ class ErrorScale:
     def update(self, dots: DotMeasurements, constant: float = 0.0) -> Array:
         """Add a picture; return the ratio for each of its dots [1], (N,).
 
-        `constant` [pixels] is the standard deviation of errors that are constant at rest.
+        `constant` [pixels] is the standard deviation of errors that are constant while a dot
+        rests.
         """
         moving = dots.displacements > _MOVING
         self._resting.add(dots.length_errors[~dots.repeated & ~moving])
@@ -165,7 +174,7 @@ class DeadZone:
 
     @property
     def present(self) -> bool:
-        """Whether the video has a dead zone: the codec recently repeated some, not all dots."""
+        """Whether the video has a dead zone: recently, some but not all dots were repeated."""
         return self._since < MEMORY
 
     def add_repeated(self, repeated: NDArray[np.bool_], seen: NDArray[np.bool_]) -> None:

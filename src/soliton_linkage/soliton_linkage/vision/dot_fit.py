@@ -7,7 +7,7 @@ A model of a dark dot, with centre p and radius R, is fitted to the grey levels 
     T(y) = mean_k erfc((|S (y - s_k)| - R) / (b sqrt 2)) / 2,
 
 with the grey level w of the label, the contrast c, the gradient g of the light, and the blur b. T
-is the share of a pixel that the dot covers. The offsets s_k are points on the path of the dot
+is the fraction of a pixel that the dot covers. The offsets s_k are points on the path of the dot
 during the exposure. The matrix S, of determinant 1, maps the ellipse of the dot to a circle.
 Pixels at the edge of the label are excluded, because they would bias the centre.
 """
@@ -27,9 +27,9 @@ from soliton_linkage.linkage.chain import Array
 _BLUR = 0.6
 """Initial value of the blur of an edge [pixels], typical of lenses and pixels."""
 _BLURS = (0.35, 1.5)
-"""Smallest and largest blur [pixels], of a perfect and of a bad lens."""
+"""Smallest and largest fitted blur [pixels]: a perfect lens, and a bad lens."""
 _RADII = (0.7, 1.4)
-"""Smallest and largest radius of a dot, relative to the expected radius [1]."""
+"""Smallest and largest fitted radius of a dot, relative to the expected radius [1]."""
 _PARAMETERS = 8
 """Number of fitted parameters: w, c, g (2), p (2), R and b."""
 _LABEL_MARGIN = 1.4
@@ -41,13 +41,14 @@ _MAX_ITERATIONS = 6
 _TOLERANCE = 3e-4
 """The fit ends when a step of the centre is below this [pixels], which is 1 % of the noise."""
 _MAX_STEP = 0.7
-"""Longest step of the centre [pixels]; over longer ones, the model is not linear."""
+"""Longest step of the centre [pixels]; over longer steps, the model is not linear."""
 _OFFSETS = 5
 """Number of offsets s_k along the path of a moving dot."""
 _HALF_WIDTH = 4.0
-"""Half width of the tables around an edge [blurs]; the error of the rest is 3e-5."""
+"""Largest distance from an edge in the tables [multiples of the blur]; farther away, a pixel
+counts as covered or free, with an error of 3e-5."""
 _STEPS = 64
-"""Number of points of the tables per blur; interpolation errors are below 1e-5."""
+"""Number of table points per distance of one blur; interpolation errors are below 1e-5."""
 _DISTANCES = np.arange(2 * int(_HALF_WIDTH) * _STEPS + 1) / _STEPS - _HALF_WIDTH
 """Distances from an edge at the points of the tables, in units of the blur [1]."""
 _COVERS: Array = erfc(_DISTANCES / math.sqrt(2)) / 2
@@ -79,9 +80,9 @@ def begin_loop(grey: NDArray[np.uint8], dot: Array, state: Array) -> None:
 def cover_of_dot(
     x: float, y: float, offsets: int, dot: Array, radius: float, blur: float
 ) -> tuple[float, float, float, float, float]:
-    """Return the covered share T of the pixel at (x, y), and its derivatives by x, y, R and b.
+    """Return the covered fraction T of a pixel, and its derivatives by dot centre, R and b.
 
-    x and y are relative to the centre of the dot. `offsets` is the number of offsets s_k.
+    The pixel is at (x, y) from the centre of the dot. `offsets` is the number of offsets s_k.
     """
     sxx, sxy, syx, syy, smear_x, smear_y = dot[4:]
     cover = by_x = by_y = by_radius = by_blur = 0.0
@@ -117,7 +118,7 @@ def normal_loop(
     squared: Array,
     last: bool,
 ) -> tuple[float, float]:
-    """Compute the normal equations; return sums of the pixels' squared residuals and weights.
+    """Compute the normal equations; return the sums of weighted squared residuals and of weights.
 
     The equations are stored in `normal` and `right`. If `last`, the matrix for squared weights,
     from which the covariance is computed, is stored in `squared`.

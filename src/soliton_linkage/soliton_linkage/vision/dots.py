@@ -56,9 +56,10 @@ def find_dots(
 ) -> Dots:
     """Return the dots in a region (left, top, right, bottom) [pixels].
 
-    A dot must be nearer than `reaches`, (M,), to one of the M positions `predicted`, (M, 2)
-    [pixels]. It is fitted with the element of `outlines`, (M, 2, 2), and of `smears`, (M, 2), that
-    belongs to the nearest position (see `fit_dots`).
+    The distance of a dot from one of the M positions `predicted`, (M, 2), must be smaller than the
+    corresponding element of `reaches`, (M,) [pixels]. The dot is fitted with those elements of
+    `outlines`, (M, 2, 2), and `smears`, (M, 2), that belong to the nearest position (see
+    `fit_dots`).
     """
     radius = float(np.median(np.abs(np.linalg.det(outlines)))) ** -0.5
     left, top, right, bottom = region
@@ -120,7 +121,7 @@ def _accepted(fitted: FittedDots, spots: Array, smears: Array) -> NDArray[np.boo
 
 
 def _colour_costs(picture: Picture, centres: Array, radius: float) -> Array:
-    """Return -2 log likelihood of each of C colours for each of K dots, (K, C); 0 if grey."""
+    """Return -2 log likelihood of C colours for each of K dots, (K, C); 0 for a grey picture."""
     if picture.ndim == 2 or not len(centres):
         return np.zeros((len(centres), len(COLOURS)))
     middle = np.array([(x, y) for x in (-1, 0, 1) for y in (-1, 0, 1)]) * min(radius / 3, 1.0)

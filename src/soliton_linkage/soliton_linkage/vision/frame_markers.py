@@ -32,16 +32,17 @@ class PlacingErrors:
     """
 
     def __init__(self, dots: Array, markers: NDArray[np.intp]) -> None:
-        """Prepare for K visible dots [m], (K, 2), and the number of the marker of each, (K,)."""
+        """Prepare for K visible `dots` [m], (K, 2), on markers with given numbers, (K,)."""
         self._centre, self._scale = dots.mean(axis=0), float(np.ptp(dots, axis=0).max())
         moved = np.kron(markers[:, None] == np.unique(markers), np.eye(2))
         fields = self._fields(dots).reshape(-1, 8)
         self._parameters = np.linalg.lstsq(fields, moved, rcond=None)[0]
 
     def deviations(self, pivots: Array, arms: Array) -> Array:
-        """Return standard deviations of angles per standard deviation of a position [rad/m], (N,).
+        """Return the standard deviations of angles for markers with unit errors [rad/m], (N,).
 
-        `arms`, (N, 2), are the vectors [m] from the pivots, (N, 2), to the masses.
+        Unit errors have a standard deviation of 1 m in each coordinate of each marker. `arms`,
+        (N, 2), are the vectors [m] from the `pivots`, (N, 2), to the masses.
         """
         change = self._fields(pivots + arms) - self._fields(pivots)
         across = np.stack([arms[:, 1], -arms[:, 0]], axis=1) / np.sum(arms**2, axis=1)[:, None]
@@ -59,7 +60,8 @@ class PlacingErrors:
 _MAX_PICTURES = 1000
 """Largest number of averaged pictures, so that the mean follows slow motions of the frame."""
 _FIT_PERIOD = 30
-"""The plane is fitted in each of this many first pictures, and then once per so many pictures."""
+"""Number of first pictures in each of which the plane is fitted, and later the number of pictures
+from one fit to the next."""
 _MOTION_THRESHOLD = 6.0
 """The camera counts as moved if the mean shift of the dots is larger than this [standard
 deviations] and also larger than `_MIN_MOTION`."""
@@ -73,7 +75,8 @@ partly hidden dots have larger residuals."""
 _MAX_SCALE_ERROR = 0.02
 """A difference between 1 and `print_scale` is reported if it is larger than this [1]."""
 _SEARCH_PERIOD = 60
-"""Period of searches for missing markers [pictures]; a search takes one picture period."""
+"""Number of pictures from one search for missing markers to the next; a search takes about as long
+as the time between two pictures."""
 
 
 class FrameMarkers:
@@ -90,7 +93,8 @@ class FrameMarkers:
         self.placing: PlacingErrors | None = None
         """Errors of angles due to errors of the marker positions; None without a plane."""
         self.print_scale = 1.0
-        """Ratio of the size of markers to their distances, relative to the layout [1]."""
+        """Ratio of the size of markers to their distances, divided by this ratio in the
+        layout [1]."""
         self.seen = 0
         """Number of visible dots in the latest picture."""
         self.moves = 0
@@ -156,7 +160,7 @@ class FrameMarkers:
         printed = self._layout.frame_corners[numbers]
         corners = np.stack([found[n] for n in numbers])
         rough, _ = fit_plane(self._camera, printed.reshape(-1, 2), corners.reshape(-1, 2))
-        # The dots of markers that were printed too small are nearer to the centres.
+        # If markers were printed too small, their dots are nearer to the centres of the markers.
         dots, middles = self._layout.frame_dots, self._layout.frame_centres[:, None]
         starts = middles + _print_scale(rough, corners, printed) * (dots - middles)
         centres, good = self._fit_centres(grey, rough, rough.pixels(starts.reshape(-1, 2)))
@@ -227,7 +231,7 @@ class FrameMarkers:
 
 
 def _print_scale(plane: ChainPlane, pixels: Array, printed: Array) -> float:
-    """Return the ratio of the size of M markers, (M, 4, 2), to their distances [1]."""
+    """Return the ratio of size to distance of M markers, (M, 4, 2), relative to `printed` [1]."""
     if len(pixels) < 2:
         return 1.0
     size, distance = np.divide(_spreads(plane.points(pixels)), _spreads(printed))
@@ -241,7 +245,7 @@ def _spreads(dots: Array) -> tuple[float, float]:
 
 
 def _shape_error(dots: Array, expected: Array) -> float:
-    """Return the root mean square error of the dots in each of M markers, (M, 4, 2) [pixels]."""
+    """Return the root mean square error of the shapes of M markers, (M, 4, 2) [pixels]."""
     one, other = (
         np.ascontiguousarray(each).view(np.complex128)[..., 0] for each in (dots, expected)
     )

@@ -2,7 +2,8 @@
 """Positions, sizes and colours of the markers of a chain.
 
 Pivots have black dots on white labels, and masses have dots in red, green and blue, in turn. ArUco
-markers on the frame identify black dots beyond their corners, which define the plane of the chain.
+markers on the frame have black dots beyond their corners. The markers identify these dots, and the
+dots define the plane of the chain.
 """
 
 from __future__ import annotations
@@ -23,12 +24,14 @@ DICTIONARY = 'DICT_4X4_50'
 MODULES = 6
 """Number of cells along the side of a frame marker, including the black border."""
 DOT_SHARE = 0.48
-"""Diameter of a dot, relative to that of its label [1]; edges in pictures are blurred."""
+"""Diameter of a dot divided by the diameter of its label [1]; a wide white margin is necessary
+because edges in pictures are blurred."""
 COLOURS = ((0, 0, 0), (200, 30, 40), (0, 120, 60), (30, 60, 190))
-"""Red, green and blue [0 to 255] of the dots: the first row is for pivots, the rest for masses."""
+"""Red, green and blue [0 to 255] of the dots: the first row is for pivots, the others for
+masses."""
 _LABEL_OF_SPACING, _LABEL_OF_ROTOR = 0.45, 0.9
-"""The diameter of a label is the first number times the spacing, or the second number times the
-rotor length if this is smaller [1]."""
+"""The diameter of a label is the smaller one of the first number times the spacing and the second
+number times the rotor length [1]."""
 _MARKER_OF_SPACING = 0.9
 """Side of a frame marker, relative to the spacing [1]."""
 _MIN_DISTANCE = 1.05
@@ -93,7 +96,7 @@ class MarkerLayout:
 
     @cached_property
     def colours(self) -> NDArray[np.intp]:
-        """Index in `COLOURS` of the dot of each mass, (N,)."""
+        """Colour of the dot on each mass, as an index in `COLOURS`, (N,)."""
         return 1 + np.arange(self.chain.number_of_rotors) % (len(COLOURS) - 1)
 
     @cached_property

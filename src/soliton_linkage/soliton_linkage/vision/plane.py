@@ -72,10 +72,10 @@ class ChainPlane:
         return np.stack([points[0] - points[1], points[2] - points[3]], axis=-1)
 
     def circle_centres(self, image_centres: Array, radius: float) -> Array:
-        """Return the pixels of the centres of circles of a radius [m], (K, 2).
+        """Return the pixels at which the centres of circles of a `radius` [m] appear, (K, 2).
 
-        The centre of an ellipse, in `image_centres` [pixels], (K, 2), is not the picture of the
-        centre of the circle.
+        In a picture, a circle appears as an ellipse. The centre of the ellipse, in `image_centres`
+        [pixels], (K, 2), differs from the pixel at which the centre of the circle appears.
         """
         turns = np.arange(16) * (np.pi / 8)
         circle = radius * np.column_stack([np.cos(turns), np.sin(turns)])
@@ -92,9 +92,10 @@ class ChainPlane:
 
 
 def fit_plane(camera: Camera, points: Array, pixels: Array) -> tuple[ChainPlane, float]:
-    """Fit a plane to points [m] and pixels, (K, 2) each; return it and the residual [pixels].
+    """Return a plane that maps points [m] to `pixels`, (K, 2) each, and the residual [pixels].
 
-    It is the root mean square error of a coordinate. Raises ValueError if there is no such plane.
+    The residual is the root mean square error of a coordinate. Raises ValueError if no plane can
+    be fitted.
     """
     if len(points) < MIN_POINTS:
         raise ValueError(

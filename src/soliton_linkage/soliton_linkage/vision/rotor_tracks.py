@@ -13,21 +13,21 @@ from soliton_linkage.vision.layout import MarkerLayout
 _MEMORY = 3
 """Number of measurements from which rate and acceleration are computed."""
 _MAX_GAP = 0.25
-"""A rate is computed only if its measurements span less than this [s]."""
+"""A rate is computed only from measurements within less than this time [s]."""
 _ACCELERATION = 300.0
 """Typical acceleration of a rotor that starts from rest, for example after a kick [rad/s^2]."""
 _INITIAL_RATE = 10.0
-"""Standard deviation of the rate of a rotor before its second measurement [rad/s]."""
+"""Assumed standard deviation of the rate of a rotor before its second measurement [rad/s]."""
 _MIN_DEVIATION = 0.03
-"""Standard deviation of a predicted angle immediately after a measurement [rad]."""
+"""Assumed standard deviation of a predicted angle immediately after a measurement [rad]."""
 _MAX_DEVIATION = 1.5
 """The predicted angle of a rotor determines its whole turns only if the standard deviation of the
 prediction is smaller than this [rad]."""
 _UNMEASURED = 0.07
-"""Relative standard deviation of configured lengths [1]; it is typical of handmade parts."""
+"""Assumed relative standard deviation of configured lengths [1], typical of handmade parts."""
 _MEASURED_ROTOR, _MEASURED_BOND = 0.02, 0.03
-"""Relative standard deviations of measured rotor lengths, and of measured lengths of bonds [1];
-the latter is larger, because bonds may be springs."""
+"""Assumed relative standard deviations of measured rotor lengths, and of measured bond
+lengths [1]; the second one is larger, because bonds may be springs."""
 _MAX_LENGTH_ERROR = 0.2
 """A measured length is ignored if it differs from the configured one by more than this [1]."""
 _MIN_MEASUREMENTS, _MAX_MEASUREMENTS = 5, 300
@@ -36,13 +36,15 @@ at most the second number of them [1]."""
 _PIVOT_TOLERANCE = 0.25
 """Largest distance of a pivot from its expected position, relative to the spacing [1]."""
 _SPACING_TOLERANCE = 0.4
-"""Largest error of pivot distances, as multiples of the spacing, in units of the spacing [1]."""
+"""The pivots are numbered only if the distances of neighbouring ones differ from multiples of the
+spacing by at most this fraction of the spacing [1]."""
 _MIN_VISIBLE = 0.8
 """The pivots are numbered as soon as this fraction of them has been visible [1]."""
 _MAX_PIVOT_PICTURES = 1000
 """Largest number of averaged positions of a pivot, so that the mean follows slow motions."""
 _MAX_BLACK_COST = 4.0
-"""Largest cost of black for a black dot [1], that of an error of two standard deviations."""
+"""A dot counts as black if the cost of the colour black is at most this [1], which is the cost of
+an error of two standard deviations."""
 
 
 class RotorTracks:
@@ -118,7 +120,7 @@ class RotorTracks:
         return rates, acceleration, np.where(two, errors, max(_INITIAL_RATE, fastest))
 
     def unwrap(self, times: Array, angles: Array) -> Array:
-        """Return the angles [rad], (N,), plus the whole turns that the rotors have made.
+        """Return the `angles` [rad], (N,), plus the whole turns that the rotors have made.
 
         In a spinner, a rotor that was hidden for long is assumed to turn as its neighbours do.
         """
@@ -176,7 +178,7 @@ class Pivots:
         self._counts = np.zeros(0)
 
     def update(self, points: Array, colour_costs: Array) -> None:
-        """Update the pivots with the dots of a picture, given as for `assign_dots`."""
+        """Update the pivots with the dots of a picture (see `assign_dots`)."""
         black = colour_costs[:, 0] <= _MAX_BLACK_COST
         if self.known.any():
             self._average(points[:, black])

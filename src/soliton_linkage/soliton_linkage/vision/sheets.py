@@ -33,7 +33,11 @@ _BOARD = (9, 6, 0.025)
 
 
 def write_sheets(layout: MarkerLayout, path: Path, paper: str = 'a4') -> list[Path]:
-    """Write the sheets; return their paths. ValueError if a marker or the suffix does not fit."""
+    """Write the sheets; return the paths of the files.
+
+    Raises ValueError if a marker is larger than the paper, or if the suffix is neither .pdf nor
+    .svg.
+    """
     figures = list(_sheets(layout, paper))
     path.parent.mkdir(parents=True, exist_ok=True)
     if path.suffix.lower() == '.svg':

@@ -20,7 +20,7 @@ _TICKS = 90_000
 _SILENT = 0
 """Log level at which OpenCV writes no messages."""
 _GAP = 1.6
-"""Pictures are missing in an interval that is longer than this times the typical interval [1]."""
+"""Pictures count as missing if an interval is longer than this times the typical interval [1]."""
 _MEMORY = 31
 """Number of recent intervals from which the typical interval is computed."""
 _PERCENTILE = 75
@@ -152,7 +152,7 @@ def write_video(
 ) -> int:
     """Write an H.264 video; return the number of pictures.
 
-    `quality` is the constant rate factor (CRF); a lower one gives better pictures. If `alone`,
+    `quality` is the constant rate factor (CRF); a lower value gives better pictures. If `alone`,
     each picture is a key frame, so that small motions are not lost.
     """
     av: Any = pyav()
