@@ -6,10 +6,11 @@ receiver's clock, with
 
     y = a + b x + d,    d >= 0,
 
-where a is the sum of the clock offset and the smallest delay, b the drift, and d the additional
-delay. The line a + b x contains one edge of the lower convex hull of the points (x, y), namely the
-edge at the mean of x (Moon, Skelly and Towsley, INFOCOM 1999, doi:10.1109/INFCOM.1999.749287).
-Only one message of each time interval is used, that with the smallest delay.
+where a is the sum of the clock offset and the smallest delay, b is the drift, and d is the
+additional delay of this message. The line a + b x is fitted below the points (x, y): it contains
+the edge of their lower convex hull at the mean of x (Moon, Skelly and Towsley, INFOCOM 1999,
+doi:10.1109/INFCOM.1999.749287). From each time interval, only the message with the smallest delay
+is used.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ _MICROSECOND = 1000
 _SECOND = 10**9
 """Duration of a second [ns]."""
 _INTERVALS = 64
-"""Number of intervals in the fit [1]; at 0.5x, errors double; at 2x, a fit takes 4x as long."""
+"""Number of intervals in the fit [1]; at 0.5x, errors double; at 2x, a fit takes four times as
+long."""
 _FIRST_INTERVAL = 1 / 16
 """Duration of the first intervals [s]; the drift is known after two of them."""
 _LONGEST_INTERVAL = 2.0
@@ -35,15 +37,17 @@ _LONGEST_INTERVAL = 2.0
 LARGEST_DRIFT = 0.01
 """Largest accepted drift of a clock [1]; the resonator of an Arduino Uno has half this drift."""
 _FROM_THE_FUTURE = 0.25
-"""If a measurement is later than its arrival by more than this [s], the clock has restarted."""
+"""If the time of a measurement, converted to the receiver's clock, is later than its arrival by
+more than this [s], the controller's clock has restarted."""
 _FROM_THE_PAST = 10.0
 """Largest accepted delay [s]; a larger delay means that the controller's clock has stopped."""
 _SMALLEST_JUMP = 1e-3
 """Smallest jump of a clock that is detected [s]; at 2x, undetected jumps bias the drift more."""
 _EARLY, _LATE = 3.0, 10.0
-"""A delay is plausible if it is at most the first number times s below the fitted line, or at most
-the second number times h above it [1]. Here h is the median height of delays above the line, and s
-their lower octile, or h before there are `_REMEMBERED` delays."""
+"""Let h be the median height of recent delays above the fitted line, and s the lower octile of
+these heights. A delay is plausible if it is at most the first number times s below the line, or at
+most the second number times h above it [1]. Before there are `_REMEMBERED` delays, h replaces
+s."""
 _UNUSUAL = 8.0
 """Without checksums, an interval between measurements is unusual if its difference from a multiple
 of the median interval is larger than this times the median of such differences [1]."""
@@ -54,23 +58,25 @@ _CLOCK_RESOLUTION = 1e-4
 """An interval is unusual only if its difference from a multiple of the median interval is larger
 than this [s], which is 25 ticks of micros() of an Arduino."""
 _REMEMBERED = 128
-"""Number of messages whose delays and intervals are compared [1]; at 0.25x, a rare interval seems
-unusual, and at 4x, a jump by less than an interval is corrected later."""
+"""Number of recent messages whose delays and intervals are compared [1]. Sensitivity: at 0.25x, a
+rare interval seems unusual; at 4x, a jump by less than an interval is corrected later."""
 _SHORT = _REMEMBERED // 8
 """Number of compared delays that are shorter than their lower octile [1]. Sensitivity on a busy
-computer: at 0.5x, some frames of a queue seem early; at 2x, some jumps of 50 ms are missed."""
+computer: at 0.5x, some frames that waited in a queue seem early; at 2x, some jumps of 50 ms are
+missed."""
 _WRONG_TIMES = _REMEMBERED // 16
 """Largest expected number of wrong times among the compared messages without a checksum [1]."""
 _CONFIRMATIONS = 3
 """Number of successive implausible times that prove a jump or a restart of the clock if they are
 consistent with each other."""
 _FRESH = 0.75
-"""Implausible times prove nothing if their messages arrive within less than this times the time
-between their measurements [1], because such messages have waited for a stalled receiver."""
+"""Implausible times are not used as proof of a jump or a restart if their messages arrive within
+less than this times the time between their measurements [1], because such messages have waited for
+a stalled receiver."""
 
 
 class DelayEnvelope:
-    """Fitted line below the delays of all messages, as a function of the sending time x."""
+    """Line below the delays of all messages, fitted as a function of the sending time x."""
 
     def __init__(self) -> None:
         self.drift = 0.0
@@ -133,8 +139,8 @@ class DeviceClock:
 
     Three successive implausible times that are consistent with each other restart the estimate of
     offset and drift. Other implausible times are rejected. The estimate also restarts if all
-    recent delays are much longer than the smallest delay since it started, because this smallest
-    delay is then due to a wrong time or to a jump of the clock.
+    recent delays are much longer than the smallest delay since its start. This smallest delay is
+    then due to a wrong time or to a jump of the clock.
     """
 
     def __init__(self) -> None:
@@ -246,7 +252,7 @@ class DeviceClock:
         return -self._tolerance(gap, early=True) <= late <= self._tolerance(gap)
 
     def _is_only_late(self, elapsed: int, arrival: int, checked: bool) -> bool:
-        """Return whether only the arrival is late: a long delay after a usual interval."""
+        """Return whether a message is late although its measurement was at the usual time."""
         intervals = np.array([(elapsed - self._elapsed) / 1e6, *self._intervals])
         usual = float(np.median(intervals))
         unusual, *others = np.abs(intervals - usual * np.maximum(np.round(intervals / usual), 1))
@@ -254,7 +260,7 @@ class DeviceClock:
         return self._late(elapsed, arrival) > 0 and unusual <= max(limit, _CLOCK_RESOLUTION)
 
     def _all_late(self, checked: bool) -> bool:
-        """Return whether all recent delays are long; a few may be short because of wrong times."""
+        """Return whether all recent delays are long, except for a few that wrong times cause."""
         if len(self._delays) < _REMEMBERED:
             return False
         least = sorted(self._delays)[0 if checked else _WRONG_TIMES]

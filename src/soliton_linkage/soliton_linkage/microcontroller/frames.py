@@ -33,7 +33,7 @@ _HEADER = struct.Struct('<cBHI')
 """Binary header of 8 bytes: letter of the frame kind, version, frame number, time [us]."""
 _CHECKSUM = struct.Struct('<I')
 _LONGEST_BLOCK = 254
-"""Longest block of data without a zero byte that byte stuffing encodes as one block [bytes]."""
+"""Largest number of bytes without a zero byte that byte stuffing encodes as one block [bytes]."""
 _TEXT_CHECKSUM = re.compile(rb'\*([0-9A-Fa-f]{8})')
 _REAL = re.compile(r'[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3})?')
 _WHOLE = re.compile(r'[-+]?\d{1,15}')

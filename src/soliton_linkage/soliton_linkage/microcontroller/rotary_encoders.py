@@ -23,7 +23,10 @@ _COMPARED_NUMBERS = 4
 
 @dataclass(frozen=True)
 class RotaryEncoders:
-    """Mounting: phi = 2 pi sign q - offset for q turns; ValueError for values out of range."""
+    """Resolution and mounting of encoders: at q turns, the angle is 2 pi sign q - offset.
+
+    Raises ValueError for values out of range.
+    """
 
     counts_per_turn: tuple[float, ...] = quantity(
         (4096.0,), 'counts per turn, one value for all encoders or one per rotor [1]'
@@ -80,9 +83,10 @@ class AngleReader:
         self._last = np.zeros(rotors)
 
     def read(self, frame: SerialFrame) -> Array:
-        """Return the angle of each rotor [rad], (N,), NaN if missing; ValueError as in `check`.
+        """Return the angle of each rotor [rad], (N,), NaN if missing.
 
-        If readings wrap, a rotor must turn by less than half a turn between its valid readings.
+        Raises ValueError if `check` rejects the frame. If readings wrap, a rotor must turn by less
+        than half a turn between its valid readings.
         """
         self.check(frame)
         angles = frame.values * self._radians[frame.kind] - self._offsets
@@ -92,7 +96,7 @@ class AngleReader:
         return np.asarray(angles)
 
     def check(self, frame: SerialFrame) -> None:
-        """Raise ValueError unless the frame has a reading, an angle or a count, for each rotor."""
+        """Raise ValueError unless a frame has one reading per rotor, and no angles in degrees."""
         if len(frame.values) != self.rotors:
             raise ValueError(
                 f'it has {len(frame.values)} readings for a chain of {self.rotors} rotors; send '
@@ -128,7 +132,8 @@ class AngleStream:
     def reconnect(self) -> None:
         """Prepare for a controller that may have restarted.
 
-        The clock is reset if it has not estimated its scatter yet, and cannot detect a restart.
+        The clock is reset if it has not estimated its scatter yet, because it cannot detect a
+        restart before.
         """
         if math.isnan(self.clock.scatter):
             self.reset()
@@ -136,7 +141,8 @@ class AngleStream:
     def take(self, frame: SerialFrame, arrival: int) -> StampedAngles | None:
         """Return the angles of a frame that arrives at `arrival` [ns]; None for a `hello` frame.
 
-        Raises ValueError for a frame without readings, of another chain, repeated, or implausible.
+        Raises ValueError if the frame contains no readings, belongs to another chain, is repeated,
+        or has an implausible time.
         """
         if frame.kind is FrameKind.HELLO:
             self.reset()
@@ -159,7 +165,7 @@ class AngleStream:
         return StampedAngles(stamp, self._reader.read(frame))
 
     def _count_lost(self, number: int) -> None:
-        """Compare the latest number with several previous ones, because one may be wrong."""
+        """Count lost frames by comparison with several previous numbers, as one may be wrong."""
         totals = [
             lost + missing
             for earlier, arrived, lost in self._numbers

@@ -43,7 +43,7 @@ class ControllerSettings(CheckedQuantities):
 
 
 class SimulatedController:
-    """Simulated controller of a chain; it executes each command for the duration in its frame."""
+    """Simulated controller of a chain; it executes each command for the duration in the frame."""
 
     def __init__(
         self,
