@@ -4,26 +4,27 @@
 The state of each Kalman filter is (s, w, b, d): arc length s along the orbit [rad], its rate w
 [rad/s], bias b of the measurement [rad] and disturbance d [rad/s^2]. A measurement is z = s + b +
 noise. The correlation of the bias decays to 1/e while the wall moves by half a rotor spacing, or
-within the time tau if the wall is at rest. In a time step dt, with the normal noise dB of variance
-dt, the state changes by
+in the time tau if the wall is at rest. In a time step dt, the state changes by
 
     ds = w dt,   dw = sqrt(q) dB,   b' = a b + noise of variance m^2 (1 - a^2),
 
-with a = exp(-|w| dt / (Lambda / 2) - dt / tau) and q = e^2 (|w|^3 / Lambda + Q). Lambda is the arc
-length per rotor spacing, e the random relative change of the rate per rotor spacing, and m the
-standard deviation of the bias. Q is the process noise due to waves, which also move a wall at
-rest. The variance m^2 also accounts for a ripple of the rate that is periodic in the site.
+with a = exp(-|w| dt / (Lambda / 2) - dt / tau) and q = e^2 (|w|^3 / Lambda + Q). The normal noise
+dB has the variance dt. Lambda is the arc length per rotor spacing, e the random relative change of
+the rate per rotor spacing, and m the standard deviation of the bias. Q is the process noise due to
+waves, which also move a wall at rest. If the rate has a ripple that is periodic in the site, m^2
+is increased to account for it.
 
 Filters with different e and m are weighted by the likelihood of recent measurements. The steady
-filter has e = m = 0 and uses the whole record. If the measurements contradict the steady filter,
-it restarts with a low weight from the mean of the other filters. While the wall is at an edge, e
-is larger, because springs exchange energy with the wall. In strong waves and at edges, the weight
-of the steady filter has an upper limit.
+filter has e = m = 0, so that old measurements affect its estimate as much as recent ones. If the
+measurements contradict the steady filter, it restarts with a low weight from the mean of the other
+filters. While the wall is at an edge, e is larger, because springs exchange energy with the wall.
+The weight of the steady filter has an upper limit, which is lower in strong waves and at edges.
 
-Each further filter assumes one impulse, about 1, 2, 4, 8 or more frames ago, respectively, after
-which the rate is almost unknown. The weight of such a filter is the prior probability of an
-impulse times the likelihood ratio of the measurements since the impulse. If this ratio becomes
-decisive, all filters restart from the state of this filter.
+Each of the remaining filters assumes one impulse, after which the rate is almost unknown. The
+first of these filters assumes it in the last time step, and the others about 1, 2, 4, ... frames
+earlier. The weight of such a filter is the prior probability of an impulse times the likelihood
+ratio of the measurements since the impulse. If this ratio exceeds a limit, all filters restart
+from the state of this filter.
 
 If the settings include a disturbance, and u is the modelled acceleration, the state changes by
 
@@ -169,10 +170,10 @@ class MultipleModelFilter:
     ) -> None:
         """Predict all filters over the time `elapsed` [s].
 
-        `ratio` is the factor by which the rate of free motion changes in this time [1],
-        `acceleration` the modelled acceleration [rad/s^2], and `bandwidth` the bandwidth of the
-        disturbance [rad/s]. `ripple` is the variance that a ripple of the rate adds to each bias
-        [rad^2].
+        `ratio` is the factor by which the rate changes in this time without external forces [1],
+        `acceleration` the acceleration by modelled forces [rad/s^2], and `bandwidth` the bandwidth
+        of the disturbance [rad/s]. `ripple` is the variance that is added to each bias because of
+        a ripple of the rate [rad^2].
         """
         self._status['ripple'] = ripple
         rate, gained = self.rate, (acceleration + self.disturbance) * elapsed
@@ -195,7 +196,7 @@ class MultipleModelFilter:
         """Add the rate change by an impulse [rad/s] to all filters.
 
         `rate_variance` [rad^2/s^2] is added to the variance of each rate, and `arc_variance`
-        [rad^2] to that of each arc length.
+        [rad^2] to the variance of each arc length.
         """
         self.filters['state'][:, RATE] += change
         self.filters['covariance'][:, RATE, RATE] += rate_variance
@@ -215,7 +216,7 @@ class MultipleModelFilter:
         self._refresh()
 
     def add_rate_noise(self, variance: float, elapsed: float) -> None:
-        """Add a random rate change of `variance` [rad^2/s^2], spread over `elapsed` [s]."""
+        """Add a random rate change of `variance` [rad^2/s^2] during the last `elapsed` [s]."""
         covariances = self.filters['covariance']
         covariances[:, RATE, RATE] += variance
         covariances[:, ARC, ARC] += variance * elapsed**2 / 3
@@ -226,8 +227,8 @@ class MultipleModelFilter:
     def set_wave_acceleration(self, acceleration: float, duration: float) -> None:
         """Set the rms acceleration by waves [rad/s^2] and the time for which it is constant [s].
 
-        It applies to the filters with the largest e; in the others, it is reduced in proportion to
-        e.
+        The filters with the largest random change e of the rate use this acceleration. The other
+        filters use a smaller one, in proportion to their e.
         """
         largest = max(self._settings.rate_changes, default=0.0)
         if largest:
@@ -238,9 +239,9 @@ class MultipleModelFilter:
     ) -> None:
         """Update all filters with a measured arc length [rad] and its variance [rad^2].
 
-        If the variance has f degrees of freedom, the likelihood of an innovation is that of
-        Student's distribution with f degrees of freedom. `calm`, from 0 in strong waves to 1
-        without waves, limits the weight of the steady filter.
+        The likelihood of an innovation is computed from Student's distribution with the degrees of
+        freedom of `variance`. `calm`, from 0 in strong waves to 1 without waves, limits the weight
+        of the steady filter.
         """
         self._known = measure(
             self.filters,

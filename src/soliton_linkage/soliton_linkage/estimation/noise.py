@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Estimates of the noise of angles (without persistent residuals), of rates and of time stamps."""
+"""Estimators of the noise of angles, rates and time stamps, and of the variance of residuals."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from soliton_linkage.linkage.chain import Array, Chain
 DEVIATION_PER_MEDIAN = 1.4826
 """Standard deviation of normal noise, divided by the median of its absolute values [1]."""
 FREEDOMS_OF_MEDIAN = 0.368
-"""A standard deviation estimated from the median of n absolute values is as accurate as that from
-the mean square of this number times n values [1]."""
+"""Relative efficiency of the median [1]. A standard deviation from the median of n absolute values
+is as accurate as a standard deviation from the mean square of this number times n values."""
 
 _LARGEST_CHANGE = 12.0
-"""`StampJitter` limits each product of second differences to this multiple of its mean [1]."""
+"""`StampJitter` limits a product of second differences to this multiple of its expectation [1]."""
 _EDGE_RATIO = 4.0
-"""Variance of the residuals due to the deformation of a wall at an edge, divided by their variance
-for a wall inside the chain [1]."""
+"""Factor by which the variance of the residuals that the deformation of a wall causes is larger at
+an edge than inside the chain [1]."""
 LARGEST_EXCESS = 3.0
 """Upper limit of `FrameNoise.excess`, divided by the mean square of recent residuals [1]."""
 _FIELD_RATIO = 3.0
-"""Assumed largest squared residual that waves cause near a wall, divided by their mean [1]."""
+"""Assumed largest squared residual due to waves near a wall, divided by the mean square [1]."""
 
 
 def median(values: Array) -> float:
@@ -41,7 +41,7 @@ def median(values: Array) -> float:
 
 
 def robust_deviation(sizes: Array) -> float:
-    """Return the standard deviation of errors from their absolute values; reorder `sizes`."""
+    """Return the standard deviation of errors with the absolute values `sizes`; reorder these."""
     return DEVIATION_PER_MEDIAN * median(sizes) if len(sizes) else 0.0
 
 
@@ -51,9 +51,9 @@ def products_in_time(
 ) -> tuple[float, float, float, float]:
     """Return the sums of p, t^2 p, f and f^2 over the rotors near a wall.
 
-    For a rotor, p = x (4 x' - x'') / 3 and f = t^2 - t^4. Here x, x' and x'' are its residuals in
-    the latest, the older and the oldest frame [rad], shape (N,), and t is its component of
-    `tangent`, the tangent of the orbit from rotor `first` on.
+    For a rotor, p = x (4 x' - x'') / 3 and f = t^2 - t^4. Here x, x' and x'' are the residuals of
+    the rotor in the latest, the older and the oldest frame [rad]. t is the component of the rotor
+    in `tangent`, the tangent of the orbit, which contains the rotors from `first` on.
     """
     total, wall, weights, squared = 0.0, 0.0, 0.0, 0.0
     for n in range(tangent.size):
@@ -71,14 +71,14 @@ def products_in_time(
 class FrameNoise:
     """Estimator that separates the noise of the angles from persistent residuals.
 
-    Noise is independent from frame to frame, and persistent residuals are not. Let c_k be the mean
-    product of two residuals of the same rotor that are k frames apart. Because c_0 contains the
-    noise, the mean square of the persistent residuals is extrapolated from c_1 and c_2 as (4 c_1 -
-    c_2) / 3. In all means, older frames have less weight.
+    Noise is independent from frame to frame, whereas persistent residuals are correlated. Let c_k
+    be the mean product of two residuals of the same rotor that are k frames apart. c_0 includes
+    the noise. Therefore the mean square of the persistent residuals is extrapolated from c_1 and
+    c_2 as (4 c_1 - c_2) / 3. In all means, older frames have less weight.
     """
 
     def __init__(self, given: float | None, settings: NoiseSettings = DEFAULTS.noise) -> None:
-        """Start with the standard deviation of the noise [rad]; None means that it is unknown."""
+        """Start with the given standard deviation of the noise [rad]; None if it is unknown."""
         self._settings = settings
         self._given = 0.0 if given is None else given**2
         self._recent_fade = math.exp(-1 / settings.recent_frames)
@@ -95,7 +95,7 @@ class FrameNoise:
 
     @property
     def degrees_of_freedom(self) -> float:
-        """Degrees of freedom of the noise variance; infinite while the given noise is used."""
+        """Degrees of freedom of `variance`; infinite while it equals the given variance."""
         return math.inf if self.variance == self._given else max(self._freedoms, 1.0)
 
     def update(self, view: LinearisedMeasurement) -> None:
@@ -154,10 +154,11 @@ class FrameNoise:
         """Lower bound of the variance of the noise [rad^2]; 0 while unknown."""
 
     def _noise_bound(self, square: float, squared_weights: float, largest: float) -> float:
-        """Return Bernstein's bound [rad^2] of a weighted sum of products of `products_in_time`.
+        """Return an upper limit of a weighted sum of products of `products_in_time` [rad^2].
 
-        The bound holds if all residuals are noise with the variance `square` [rad^2]; a product
-        then has the variance 17 / 9 square^2.
+        It is Bernstein's bound if all residuals are noise with the variance `square` [rad^2]. The
+        variance of a product is then 17 / 9 square^2. `squared_weights` is the sum of the squared
+        weights, and `largest` is the largest weight [1].
         """
         significance = self._settings.significance
         deviation = significance * math.sqrt(17 / 9 * squared_weights)
@@ -183,10 +184,10 @@ class RateNoise:
     """Estimator of the noise of rates, from second differences in time.
 
     The second difference of three successive rates of a rotor is r_1 - (1 + q) r_2 + q r_3, with
-    the ratio q of the first time difference to the second. White noise of variance sigma^2 adds (1
-    + (1 + q)^2 + q^2) sigma^2 to its variance. A phonon of frequency w adds (w dt)^4 / 2 times the
-    squared amplitude of the phonon, if both time differences are dt. Therefore only frames with
-    short time differences are used.
+    the ratio q of the first time difference to the second. Two terms contribute to its variance:
+    white noise of variance sigma^2 adds (1 + (1 + q)^2 + q^2) sigma^2, and a phonon of frequency w
+    adds (w dt)^4 / 2 times the squared amplitude of the phonon if both time differences are dt.
+    Only frames with short time differences are used, so that the second term is small.
     """
 
     def __init__(self, chain: Chain, settings: NoiseSettings = DEFAULTS.noise) -> None:
@@ -225,10 +226,10 @@ class StampJitter:
     """Estimator of the errors of time stamps, from second differences of measured arc lengths.
 
     If the arc length changes at the rate w, a stamp error e shifts the measured arc length z by w
-    e. Let v be the variance of these shifts. Of four successive measurements, let q be the second
-    time difference divided by the first, and q' the third divided by the second. The second
-    differences z_3 - (1 + q) z_2 + q z_1 and z_4 - (1 + q') z_3 + q' z_2 then have the mean
-    product -v ((1 + q') + (1 + q) q').
+    e. Let v be the variance of these shifts. Four successive measurements have three time
+    differences. Let q be the second time difference divided by the first, and q' the third divided
+    by the second. The second differences z_3 - (1 + q) z_2 + q z_1 and z_4 - (1 + q') z_3 + q' z_2
+    then have the mean product -v ((1 + q') + (1 + q) q').
     """
 
     def __init__(self, settings: NoiseSettings = DEFAULTS.noise) -> None:
@@ -265,16 +266,19 @@ class StampJitter:
 
 
 class ResidualVariance:
-    """Estimator of the variance of a residual, to which noise, waves and deformed walls add."""
+    """Estimator of the variance of a residual, due to noise, waves and deformations of walls."""
 
     def __init__(self, swing: float, noise: float | None, settings: EstimationSettings) -> None:
-        """Start without frames; `swing` is as in `rotor_swing`, and `noise` as in `FrameNoise`."""
+        """Start without frames; `swing` is the `rotor_swing` [rad].
+
+        `noise` is the standard deviation of the noise of an angle [rad]; None if it is unknown.
+        """
         given = settings.likelihood
         self._given_noise, self._settings = noise, settings
         self.elastic = (given.elastic_share * swing) ** 2
         """Assumed variance of a residual due to the deformation of walls by springs [rad^2]."""
         self.largest_field = (given.field_share * swing) ** 2
-        """Upper limit of the variance of a residual minus the variance of the noise [rad^2]."""
+        """Largest variance of a residual due to waves and deformations of walls [rad^2]."""
         self.restart()
 
     def restart(self) -> None:
@@ -287,8 +291,8 @@ class ResidualVariance:
         self.at_edge = False
         """Whether the wall is at an edge."""
         self.excluded = self._shift = 0.0
-        """Covariance of the errors of the arc length in two successive frames [rad^2] that arise
-        because waves cause outliers and outliers have less weight."""
+        """Covariance of an error of the arc length between two successive frames [rad^2]. The
+        error arises because rotors that waves deflect count as outliers and have less weight."""
 
     def learn(self, view: LinearisedMeasurement) -> None:
         """Update the estimates with the residuals of a frame."""
@@ -323,7 +327,7 @@ class ResidualVariance:
     def persistent_bound(self) -> float:
         """Upper bound of the variance of the persistent residuals near a wall [rad^2].
 
-        In the first frames, noise and persistent residuals cannot be separated.
+        It is larger in the first frames, when noise and persistent residuals cannot be separated.
         """
         bound = min(self.elastic, self.noise.scatter) * self._unknown
         return max(self.noise.excess, bound)
@@ -331,9 +335,10 @@ class ResidualVariance:
     def of_arc(self, view: LinearisedMeasurement) -> float:
         """Return the variance of a measured arc length along the orbit [rad^2].
 
-        If rotors are unseen, persistent residuals cause an error that is equal in all frames until
-        the wall has moved by a rotor spacing. The variance of this error is multiplied by the
-        number of these frames, because the filters treat the errors of frames as independent.
+        If rotors are unseen, persistent residuals cause an error of the arc length. This error is
+        equal in all frames during which the wall moves by one rotor spacing. Its variance is
+        multiplied by the number of these frames, because the filters treat errors of frames as
+        independent.
         """
         known = max(view.full_information, view.information)
         unseen, outliers = max(1 / known - 1, 0.0), 1 / view.information - 1 / known
@@ -354,7 +359,7 @@ class ResidualVariance:
         """Return the weight, 0 to 1, of the assumption that waves do not disturb the wall.
 
         `rate` is the rate of the arc length [rad per time unit of the chain]. In one time unit,
-        waves with the amplitude phi [rad] change the rate by the fraction phi / rate.
+        waves with the amplitude phi [rad] change the rate by about the fraction phi / rate.
         """
         noise, field = self.noise, self.field
         steady = rate**2 * noise.variance

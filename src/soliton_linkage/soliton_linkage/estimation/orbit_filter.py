@@ -2,12 +2,12 @@
 """Recursive estimator of the arc length of a chain along its orbit, and of its rate of change.
 
 The orbit Phi(s) gives the angles of all rotors at the arc length s. Let s_0 be the predicted arc
-length, and t = dPhi/ds the tangent at s_0. Angles phi with noise of the standard deviation sigma
-give the measurement
+length, and t = dPhi/ds the tangent at s_0. Angles phi, whose noise has the standard deviation
+sigma, give the measurement
 
-    z = s_0 + t . (phi - Phi(s_0)) / t^2    with the variance sigma^2 / t^2,
+    z = s_0 + t . (phi - Phi(s_0)) / t^2    with the variance sigma^2 / t^2.
 
-which updates a `MultipleModelFilter`.
+Each measurement updates a `MultipleModelFilter`.
 """
 
 from __future__ import annotations
@@ -41,7 +41,8 @@ from soliton_linkage.orbit.orbit import Orbit
 
 _FIELD_SHARE = 0.08
 """Assumed standard deviation of the arc length due to persistent residuals near the wall, divided
-by their rms [1]. Sensitivity: at 0, errors near waves exceed stated deviations by 2 %."""
+by the rms of these residuals [1]. Sensitivity: at 0, the errors in waves are 2 % larger than the
+stated standard deviations."""
 _LEAST_PROBABILITY = 0.9
 """The chain is acquired only if all candidates together have at least this probability [1]."""
 
@@ -49,8 +50,9 @@ _LEAST_PROBABILITY = 0.9
 def largest_deformation(orbit: Orbit) -> float:
     """Return an upper bound of the deformation of a resting wall by forces and feedback [rad].
 
-    It is the largest torque on a rotor divided by I w^2, with the moment of inertia I of a rotor
-    and the frequency w of the slowest phonon, because this phonon is the softest deformation.
+    The bound is the largest torque on a rotor divided by the stiffness I w^2 of the slowest
+    phonon, because this phonon is the softest deformation. I is the moment of inertia of a rotor,
+    and w is the frequency of the phonon.
     """
     chain, angles = orbit.chain, orbit.configuration(orbit.arc_at(orbit.middle, 0))
     torques = feedback_torques(chain, angles, 0 * angles)
@@ -72,7 +74,8 @@ class OrbitFilter:
     ) -> None:
         """Start without a position; `noise` is the standard deviation of the angles [rad].
 
-        None means that it is estimated. Raises ValueError if it is infinite or not above 0.
+        If `noise` is None, the filter estimates it. Raises ValueError if `noise` is infinite or
+        not above 0.
         """
         check_noise(noise)
         chain = orbit.chain
@@ -143,7 +146,7 @@ class OrbitFilter:
         return self.estimate
 
     def apply_impulse(self, impulse: FrameImpulse) -> None:
-        """Add the rate change by an impulse, and its uncertainty, to the latest estimate."""
+        """Add the rate change by an impulse, and the variance of this change, to the estimate."""
         for each in self._hypotheses.all:
             rigid, rate = self._rate_change(impulse.impulses, each), each.motion.rate
             change = self._compliance.rate_after_impulse(rate, rigid) - rate
@@ -297,7 +300,7 @@ class OrbitFilter:
         return variance
 
     def _relocated(self, time: float, seen: Array, fits: bool) -> bool:
-        """Count a frame that does not match; return whether the filter restarts or gets LOST."""
+        """Count a mismatched frame; return whether the filter restarts or its status gets LOST."""
         tracking, view = self._tracking, self._hypotheses.leader.view
         if self._unexplained == 0:
             self._unexplained_since = time
@@ -339,9 +342,9 @@ class OrbitFilter:
         """Return the acceleration sum(tau t) / sum(I t^2) along the orbit [rad/s^2].
 
         tau are all torques except the spring torques, t is the tangent, and I are the moments of
-        inertia. The motion contracts a wall, which increases the rates of its rotors and the
-        torques of motors by the first result of `ComplianceCorrection.contraction`. A potential
-        does the same work per rotor spacing as without the contraction.
+        inertia. The motion contracts a wall. This multiplies the rates of its rotors and the
+        torques of motors by the first result of `ComplianceCorrection.contraction`. The work of a
+        potential per rotor spacing does not change.
         """
         chain, (passive, active) = self.orbit.chain, self._forces
         if not (len(passive.kinds) or len(active.kinds) or chain.feedback.acts):
@@ -374,7 +377,7 @@ class OrbitFilter:
             # An unknown rate is no evidence that waves disturb the wall.
             possible = math.hypot(motion.expected_rate, motion.rate_deviation)
             calm = self._variance.calm(possible * self.orbit.chain.time_unit)
-            # Waves of amplitude x push a wall by forces of the order x^2.
+            # Waves of amplitude x exert forces of the order x^2 on a wall.
             motion.set_wave_acceleration(
                 self._variance.field / self.orbit.chain.time_unit**2, self._phonon_period
             )

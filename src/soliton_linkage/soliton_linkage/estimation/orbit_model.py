@@ -47,7 +47,7 @@ class OrbitMeasurementModel:
         elastic: float,
         settings: EstimationSettings,
     ) -> None:
-        """Start without encoder offsets; `elastic` is `strong` of `FarFieldResiduals` [rad^2]."""
+        """Start without encoder offsets; `elastic` is the `strong` of `FarFieldResiduals`."""
         chain = orbit.chain
         self._orbit, self._likelihood = orbit, likelihood
         self._comparison = OrbitComparison(orbit)
@@ -70,7 +70,7 @@ class OrbitMeasurementModel:
     ) -> LinearisedMeasurement:
         """Return the measurement of angles [rad], shape (N,), linearised at an arc length [rad].
 
-        `variance` is the variance of a residual, and `spread` the variance of `arc` [rad^2].
+        `variance` is the variance of a residual, and `spread` is the variance of `arc` [rad^2].
         `rate` is the rate of the arc length [rad/s].
         """
         about, residuals = self._comparison.at(arc, seen, self.offsets.corrections, upside_down)
@@ -156,29 +156,29 @@ class OrbitMeasurementModel:
 
 
 _NEGLIGIBLE = 0.01
-"""The arc length is not corrected if the variance that unseen rotors cause, divided by the
-variance of the noise, is at most this [1]."""
+"""The arc length is not corrected for unseen rotors if the variance that they cause is at most
+this fraction of the variance that noise causes [1]."""
 
 
 class UnseenRotorCorrection:
-    """Correction of the arc length for unseen rotors, whose angles the springs determine."""
+    """Correction of the arc length for unseen rotors; their angles follow from spring forces."""
 
     def __init__(self, orbit: Orbit) -> None:
         self._orbit = orbit
         lower, upper = (edge**2 for edge in band_edges(orbit.chain))
         self.remaining = (2 * lower / (lower + upper)) ** 2
-        """Variance of the arc length due to unseen rotors after the correction, divided by that
-        before the correction [1]."""
+        """Factor by which the correction reduces the variance of the arc length that is due to
+        unseen rotors [1]."""
 
     def shift(
         self, arc: float, residuals: Array, field: float, noise: float
     ) -> tuple[float, float]:
         """Return two corrections of the arc length; 0 if they would increase the variance.
 
-        The first one [rad] is due to the residuals. The second one, due to the motion, is divided
-        by the squared rate of the arc length [s^2/rad]. `field` is the variance of an angle due to
-        waves and springs, and `noise` that due to noise [rad^2]. `residuals` [rad] are NaN for
-        unseen rotors.
+        The first correction [rad] follows from the residuals of the seen rotors. The second one
+        follows from the inertial forces of the unseen rotors, and is divided by the squared rate
+        of the arc length [s^2/rad]. The variance of an angle is `field` due to waves and springs,
+        and `noise` due to noise [rad^2]. `residuals` [rad] are NaN for unseen rotors.
         """
         unseen = np.isnan(residuals)
         tangent = self._orbit.tangent(arc)
@@ -194,7 +194,10 @@ class UnseenRotorCorrection:
         return -float(pull[~unseen] @ residuals[~unseen]), -float(held @ turning)
 
     def _balanced(self, arc: float, unseen: Flags, tangent: Array) -> tuple[Array, Array]:
-        """Return V and K V (stiffness matrix K): V is 0 if seen, K V is `tangent` if unseen."""
+        """Return V and K V, with the stiffness matrix K.
+
+        V is 0 for seen rotors, and K V equals `tangent` for unseen rotors.
+        """
         chain = self._orbit.chain
         first, second = rigidity_bands(chain, self._orbit.configuration(arc))
         rotors = np.flatnonzero(unseen)
@@ -210,21 +213,23 @@ class UnseenRotorCorrection:
 _SAMPLES = 32
 """Number of samples of the compliance mu per rotor spacing [1]. The interpolation error is 2 %."""
 _LOWEST_ORDER = 0.2
-"""`rate_ratio` includes only the lowest order in the rate w. It corrects w only if 3 mu w^2 is at
-most this [1]."""
+"""`rate_ratio` corrects the rate w only to lowest order, and therefore only if 3 mu w^2 is at most
+this [1]."""
 _PERIOD = 2
-"""Period of the shape of a moving wall [rotor spacings], because even and odd rotors differ."""
+"""A moving wall has the same shape again after this distance [rotor spacings], because even and
+odd rotors differ."""
 _SLOW = 0.25
 """A wall is slow if it passes at most this many rotors per period of the slowest phonon [1]."""
 _SECOND_ORDER = 0.5
-"""Square root of the measured relative error with which `rate_ratio` predicts the rate change of
-the fastest slow wall [1]."""
+"""Square root of the measured relative error of the rate change that `rate_ratio` predicts for a
+wall at the limit `_SLOW` [1]."""
 
 _RADIATION = 0.2
 """Relative bandwidth of the resonance of a fast wall with the slowest phonon, due to radiation
 [1]. With this value, the computed and the simulated ripple agree within a factor of 2."""
 _RIPPLE_SHARE = 0.3
-"""`ripple_bias` is this times the period of the ripple times its variance [1/rotor spacing]."""
+"""Factor of `ripple_bias`: variance of the bias, divided by the period and by the variance of the
+ripple [1/rotor spacing]."""
 
 
 class ComplianceCorrection:
@@ -273,9 +278,10 @@ class ComplianceCorrection:
         return 2 / scale * math.sinh(math.asinh(1.5 * scale * total) / 3)
 
     def contraction(self, rate: float) -> tuple[float, float]:
-        """Return p / (I w) and (dp / dw) / I [1] for the mean mu, momentum p and rate w [rad/s].
+        """Return p / (I w) and (dp / dw) / I [1] for the mean mu and the momentum p.
 
-        The first number is also the factor by which the motion contracts a wall.
+        w is `rate` [rad/s]. The first number is also the factor by which the motion contracts a
+        wall.
         """
         square = 2 * self._mean * rate * rate
         return 1 + square, 1 + 3 * square
@@ -283,7 +289,8 @@ class ComplianceCorrection:
     def rate_ratio(self, arc: float, rate: float, before: float) -> float:
         """Return the factor by which springs change the rate of a wall [1]; 1 for fast walls.
 
-        The wall moves from the arc length `before` to `arc` [rad]; its rate is `rate` [rad/s].
+        The wall moves from the arc length `before` to the arc length `arc` [rad]. Its rate at the
+        start is `rate` [rad/s].
         """
         if abs(rate) > self._fastest:
             return 1.0
@@ -318,8 +325,8 @@ class ComplianceCorrection:
         """Return the variance of a bias of the site that replaces the ripple [spacings^2].
 
         A bias is an error of the site that is constant over a correlation length. With the
-        returned variance, it disturbs a fit over three periods of the ripple as much as the
-        ripple.
+        returned variance, the bias and the ripple cause equal errors of a fit over three periods
+        of the ripple.
         """
         return _RIPPLE_SHARE * self._site_period * self.ripple(rate)
 

@@ -4,7 +4,7 @@
 A scan computes the log likelihood L of the frame at samples of the orbit. The scan assumes a
 standard deviation of the angles well above the noise, so that it misses no maximum. Gauss-Newton
 steps refine each maximum. The weight of a maximum is the integral of exp(L) over the arc length
-near the maximum, and the weight of all other positions is the integral over the rest of the orbit.
+near the maximum. The weight of all other positions is the integral over the rest of the orbit.
 Near a maximum the integral is exp(L) sqrt(2 pi V / I), with the variance V of a residual and the
 information I on the arc length.
 """
@@ -43,15 +43,15 @@ from soliton_linkage.orbit.orbit import Orbit, OrbitSegment
 _CLOSE = 1e-5
 """The search for a maximum of the likelihood ends when a step is shorter than this [rad]."""
 SCAN_DEVIATION = 0.1
-"""Standard deviation of the angles that a scan assumes, divided by the swing of a rotor [1]; the
-step of a scan is this value divided by 2."""
+"""Standard deviation of the angles that a scan assumes, divided by the swing of a rotor [1]. The
+step of a scan along the orbit is half of this standard deviation."""
 _EXACT = 1e-8
 """The search for the nearest point of the orbit ends when a step is shorter than this [rad]."""
 _MOST_PLACES = 12
 """Largest number of maxima that are refined [1]."""
 _STEPS_OF_TABLE = 32
-"""Points of the likelihood table per standard deviation [1]. Interpolation errors are 1e-4 of the
-peak."""
+"""Number of points of the likelihood table per standard deviation [1]. The interpolation error is
+1e-4 of the peak."""
 _MOST_SAMPLES = 500
 """Largest number of samples per leg if the orbit is too long to be sampled fully [1]."""
 
@@ -65,13 +65,13 @@ class Candidate(NamedTuple):
     view: LinearisedMeasurement
     """Measurement of the frame, linearised at `arc`."""
     variance: float
-    """Variance of a residual that the measurement `view` assumes [rad^2]."""
+    """Variance of a residual that was assumed for `view` [rad^2]."""
     evidence: float
     """Logarithm of the integral of the likelihood over the arc length near the maximum [1]."""
 
 
 class CandidateSet(NamedTuple):
-    """Candidates for the position of the chain in a frame, and likelihood of other positions."""
+    """Candidates for the position of the chain in a frame, and weight of other positions."""
 
     candidates: list[Candidate]
     elsewhere: float
@@ -107,9 +107,9 @@ class Relocaliser:
     def __init__(
         self, orbit: Orbit, likelihood: LikelihoodSettings, most_angles: int = 2_000_000
     ) -> None:
-        """Sample the whole orbit if its samples have fewer angles than `most_angles` in total.
+        """Sample the whole orbit once, unless the samples would have `most_angles` angles or more.
 
-        For a longer orbit, each search samples only sites at which the frame may have a border
+        For such a long orbit, each search samples only sites at which the frame may have a border
         between two uniform states.
         """
         self._orbit, self._given = orbit, likelihood
@@ -260,14 +260,14 @@ class Relocaliser:
 
 
 class ScanBudget:
-    """Limit of the number of searches per second of recorded time, so that frames do not queue."""
+    """Limit of the number of searches per second of recorded time, because searches are slow."""
 
     def __init__(self, settings: TrackingSettings) -> None:
         self._rate, self._burst = settings.scan_rate, float(settings.confirming_frames)
         self.restart()
 
     def restart(self) -> None:
-        """Allow `confirming_frames` searches without a pause."""
+        """Allow the next `confirming_frames` searches without a pause."""
         self._left, self._last = self._burst, math.nan
 
     def spend(self, time: float) -> bool:
@@ -287,10 +287,10 @@ class NearestPoint:
     """Nearest point of the orbit to a frame.
 
     arc: arc length from the start of the orbit [rad]; NaN if `fit_anywhere` found no position.
-    information: information I on the arc length [1]; 1 if all rotors are seen. For a noise sigma
-        [rad] the standard deviation of the arc length is sigma / sqrt(I) [rad]. If I is below
-        1e-6, `arc` is the arc length at which the search started.
-    misfit: sqrt(S / (n - 1)) [rad], for the sum S of the squared residuals of the n known rotors
+    information: information I on the arc length [1]; 1 if all rotors are seen. If the noise of an
+        angle has the standard deviation sigma [rad], the standard deviation of the arc length is
+        sigma / sqrt(I) [rad]. For I below 1e-6, the search stops at the current arc length.
+    misfit: sqrt(S / (n - 1)) [rad], with the sum S of the squared residuals of the n known rotors
         near the wall; NaN for n < 2.
     """
 
@@ -300,11 +300,11 @@ class NearestPoint:
 
 
 def fit_near(orbit: Orbit, angles: Array, arc: float) -> NearestPoint:
-    """Return the point of the orbit nearest to a frame; search from an arc length [rad] on.
+    """Return the point of the orbit nearest to a frame; the search starts at `arc` [rad].
 
     Angles phi [rad] have shape (N,), NaN if unknown. The search takes Gauss-Newton steps t . (phi
     - Phi) / (t . t) with the tangent t of the orbit Phi. It may end in another cycle of the orbit
-    than that of `arc`. Raises ValueError for infinite values and for another shape.
+    than the cycle of `arc`. Raises ValueError for infinite values and for another shape.
     """
     if not math.isfinite(arc):
         raise ValueError(

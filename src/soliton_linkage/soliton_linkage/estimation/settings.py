@@ -31,7 +31,7 @@ class _Part:
 
 @dataclass(frozen=True)
 class NoiseSettings(_Part):
-    """Settings for the separation of noise from residuals that persist from frame to frame."""
+    """Settings that separate noise from residuals that persist from frame to frame."""
 
     memory: float = quantity(4000, 'number of frames over which the noise of angles is averaged')
     recent_frames: float = quantity(
@@ -71,9 +71,9 @@ class LikelihoodSettings(_Part):
 
     @property
     def field_share(self) -> float:
-        """Largest deviation of a rotor from the orbit without noise, relative to its swing [1].
+        """Largest rms distance of a rotor from the orbit without noise, divided by its swing [1].
 
-        It is a standard deviation, and half of the least gross error.
+        It is half of the least gross error.
         """
         return self.gross_share / 2
 
@@ -174,7 +174,7 @@ class TrackingSettings(_Part):
 
 @dataclass(frozen=True)
 class MotionSettings(_Part):
-    """Settings for the evidence that is required before a class of motion is reported."""
+    """Settings for the evidence that is required to report a class of motion."""
 
     least_probability: float = quantity(0.95, 'least probability of a reported class of motion')
     fewest_rotors: float = quantity(
@@ -190,7 +190,7 @@ class MotionSettings(_Part):
 
 @dataclass(frozen=True)
 class WidthSettings(_Part):
-    """Settings for the fit and for the mean of the contraction of a moving wall."""
+    """Settings for the fit of the contraction of a moving wall, and for its mean over fits."""
 
     span: float = quantity(
         6,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measurement model of several walls: each wall is fitted after the others are subtracted."""
+"""Measurement model of several walls; each wall is fitted after the others are subtracted."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ from soliton_linkage.estimation.wall_track import LatticeCoordinates, WallMeasur
 from soliton_linkage.linkage.chain import Array, Motion, staggered
 
 _TAILS = 1.5
-"""Other walls within this multiple of `WallTable.reach` are subtracted before a wall is fitted
-[1]."""
+"""Before a wall is fitted, all other walls within this multiple of `WallTable.reach` are
+subtracted [1]."""
 _SCAN_BESIDE = 1.5
 """A scan extends this far to either side of a domain border [rotor spacings]."""
 
@@ -225,8 +225,8 @@ class ShapeMeasurementModel:
 
 
 _CLEAR = 9
-"""A ring is cut open far from all walls: in the middle of the section of this number of bonds [1]
-in which the smallest absolute polarisation is larger than in all other such sections."""
+"""Number of bonds of the sections of a ring that are compared to cut it open far from walls [1].
+The ring is cut in the middle of the section whose least absolute polarisation is largest."""
 
 
 def domain_borders(polarised: Array, least: float) -> list[tuple[float, int]]:
@@ -248,10 +248,10 @@ def domain_borders(polarised: Array, least: float) -> list[tuple[float, int]]:
 def edge_borders(
     polarised: Array, borders: Sequence[tuple[float, int]]
 ) -> list[tuple[float, int]]:
-    """Return sites and charges of walls that `domain_borders` misses because an edge is too near.
+    """Return sites and charges of walls that are too near an edge for `domain_borders`.
 
-    `borders` are the `domain_borders`. Such a wall is at the last change of the sign of the
-    polarisation before the edge.
+    Such a wall is where the polarisation changes its sign for the last time before the edge.
+    `borders` is the result of `domain_borders`.
     """
     found = []
     for backwards, charge in ((False, borders[-1][1]), (True, borders[0][1])):
@@ -266,7 +266,7 @@ def edge_borders(
 
 
 def ring_borders(polarised: Array, least: float) -> list[tuple[float, int]]:
-    """Return the `domain_borders` of a ring, which is first cut open inside a domain."""
+    """Return the `domain_borders` of a ring, after it has been cut open far from all walls."""
     bonds = len(polarised)
     clear = minimum_filter1d(np.abs(polarised), min(_CLEAR, bonds), mode='wrap')
     cut = int(np.argmax(clear)) + 1

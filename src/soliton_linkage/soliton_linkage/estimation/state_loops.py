@@ -58,10 +58,10 @@ def of_angles(
 ) -> tuple[float, float]:
     """Set the spring table `rows` for angles [rad], shape (N,), and return two sums.
 
-    The sign of the first sum is the orientation of a spinner, and the sign of the second sum that
-    of a flipper. With the staggered angles theta, the first sum is of sin(theta_n + theta_{n+1}) =
-    (-1)^n sin(phi_{n+1} - phi_n) over all bonds, and the second one of cos(theta_n) over all inner
-    rotors. `parameters` are `Chain.spring_parameters`.
+    The sign of the first sum is the orientation of a spinner. The sum has the terms sin(theta_n +
+    theta_{n+1}) = (-1)^n sin(phi_{n+1} - phi_n) of all bonds, with the staggered angles theta. The
+    sign of the second sum is the orientation of a flipper. This sum has the terms cos(theta_n) of
+    all inner rotors. `parameters` are `Chain.spring_parameters`.
     """
     rotors = angles.size
     sines, cosines = np.empty(rotors), np.empty(rotors)
@@ -104,15 +104,17 @@ def elastic(
 ) -> Energy:
     """Return the elastic energy, its part in the wake, and its standard deviation [J each].
 
-    `half` are half the stiffnesses [N/m]. `lefts` (`rights`) equal `half`, but are 0 where the
-    left (right) rotor has no noise. The wake is farther than `reach` [rotor spacings] from all
-    walls; spring n is at site n + 1/2. `walls` are the ascending sites of W walls between two end
-    values, shape (W + 2,). The end values are infinite; on a ring of N rotors, they are the last
-    site minus N and the first site plus N.
+    `half` are half the stiffnesses [N/m]. `lefts` (`rights`) equal `half`, but are 0 for springs
+    whose left (right) rotor has no noise. The wake consists of all springs farther than `reach`
+    [rotor spacings] from all walls; spring n is at site n + 1/2. `walls`, shape (W + 2,), are the
+    sites of W walls in ascending order, with one additional value at each end. These values are
+    -inf and inf in an open chain. On a ring of N rotors, they are the last site minus N and the
+    first site plus N.
 
-    The mean energy that noise adds is subtracted. For noise sigma of the angles, the variance is
-    sigma^2 |tau|^2 + sigma^4 |H|^2 / 2, with the torques tau, the stiffness matrix H = R^T k_e R,
-    the rigidity matrix R and the stiffnesses k_e.
+    The mean energy that noise adds is subtracted. If the noise of the angles has the standard
+    deviation sigma, the variance of the energy is sigma^2 |tau|^2 + sigma^4 |H|^2 / 2. Here tau
+    are the torques, H = R^T k_e R is the stiffness matrix, R is the rigidity matrix, and k_e are
+    the stiffnesses.
     """
     whole, squares, pulling, variance = 0.0, 0.0, 0.0, noise**2
     count = half.size
@@ -143,8 +145,9 @@ def kinetic(
 
     `half` are half the moments of inertia [kg m^2]. `noisy` equal `half`, but are 0 for rates
     without noise. `walls` and `reach` are as in `elastic`. The mean energy that noise adds is
-    subtracted. For noise sigma of its rate omega, a rotor with the moment of inertia I adds I^2
-    sigma^2 (omega^2 + sigma^2 / 2) to the variance.
+    subtracted. If the noise of the rates has the standard deviation sigma, a rotor with the moment
+    of inertia I and the rate omega adds I^2 sigma^2 (omega^2 + sigma^2 / 2) to the variance of the
+    energy.
     """
     whole, known, squares, variance = 0.0, 0.0, 0.0, noise**2
     energies = np.empty(half.size)
@@ -160,13 +163,13 @@ def kinetic(
 
 @compiled(const_f8_2d, i8, i8, f8)
 def topology(rows: Array, before: int, beyond: int, domain: float) -> Sides:
-    """Return the polarisations beside the walls, the edge signs, and the centre of the zero mode.
+    """Return two sums of polarisations, two edge signs, and the centre of the zero mode.
 
-    The polarisation of a bond with the levers A and B is (A^2 - B^2) / (A^2 + B^2). The first two
-    results are sums of polarisations: over the first `before` bonds, and over the bonds from
-    `beyond` on. The edge signs are the signs of the first and of the last polarisation whose
-    absolute value exceeds `domain`, or 0. The centre [rotor spacings] is the centroid of the
-    squared zero mode t_n^2, which is computed from its logarithms because it may overflow.
+    The polarisation of a bond with the levers A and B is (A^2 - B^2) / (A^2 + B^2). The first sum
+    is over the first `before` bonds, and the second sum over the bonds from `beyond` on. The edge
+    signs are the signs of the first and of the last polarisation whose absolute value exceeds
+    `domain`, or 0 if there is none. The centre [rotor spacings] is the centroid of the squared
+    zero mode t_n^2. It is computed from logarithms, because t_n^2 may overflow.
     """
     left, right, first, last = 0.0, 0.0, 0, 0
     logarithms, largest = np.zeros(rows.shape[1] + 1), 0.0
@@ -196,8 +199,8 @@ SCOPE = np.dtype(
 noise: standard deviation of the angles [rad].
 rate_noise: standard deviation of the rates [rad/s].
 reach: distance from a wall beyond which energy belongs to the wake [rotor spacings].
-before, beyond: number of bonds before the first wall, and index of the first bond beyond the last
-    wall [1].
+before: number of bonds before the first wall [1].
+beyond: index of the first bond beyond the last wall [1].
 domain: absolute polarisation above which a bond is in a domain [1].
 """
 _SCOPE = records(SCOPE)

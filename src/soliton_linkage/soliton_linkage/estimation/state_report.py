@@ -19,11 +19,13 @@ from soliton_linkage.solitons.tanh_fit import DOMAIN
 
 
 class Energies(NamedTuple):
-    """Energies of a state [J]; the kinetic ones are NaN if the rates are unknown.
+    """Energies of a state [J]; kinetic energies are NaN if the rates are unknown.
+
+    The wake is the part of the chain that is far from all walls.
 
     kinetic: kinetic energy of the rotors.
     elastic: energy of the springs.
-    kinetic_wake: kinetic energy of the wake, which is far from every wall.
+    kinetic_wake: kinetic energy of the wake.
     elastic_wake: elastic energy of the wake.
     kinetic_deviation: standard deviation of the kinetic energy; NaN if the rate noise is unknown.
     elastic_deviation: standard deviation of the elastic energy.
@@ -55,10 +57,10 @@ class Energies(NamedTuple):
 class Topology(NamedTuple):
     """Polarisations, winding numbers, charge and zero mode of a state.
 
-    polarisations: mean polarisations of the bonds before the first and beyond the last wall, +1 if
-        all rotors there lean right, and -1 if all lean left.
-    winding_numbers: winding numbers of the uniform states before the first and beyond the last
-        wall; their difference is the charge.
+    polarisations: mean polarisations of the bonds before the first wall and of the bonds beyond
+        the last wall; +1 if all rotors there lean right, and -1 if all of them lean left.
+    winding_numbers: winding numbers of the uniform states before the first wall and beyond the
+        last wall; their difference is the charge.
     charge: number of walls with charge +1 minus number of walls with charge -1.
     mode_centre: centre of the zero mode [rotor spacings].
     """
@@ -95,8 +97,8 @@ class FrameErrors(NamedTuple):
     noise: standard deviation of the angles [rad].
     rate_noise: standard deviation of the rates [rad/s], NaN if unknown.
     persistent: root mean square of the persistent differences from the orbit [rad].
-    unseen: flags of rotors whose angles are not measured but those of the orbit, shape (N,); None
-        if all angles are measured.
+    unseen: flags of rotors whose angles are taken from the orbit because they are not measured,
+        shape (N,); None if all angles are measured.
     """
 
     noise: float = 0.0
@@ -111,7 +113,7 @@ class FrameErrors(NamedTuple):
 
 
 class ArcRate(NamedTuple):
-    """Rate of the arc length and its standard deviation, both divided by `free_rate` [rad/s]."""
+    """Rate of the arc length and its standard deviation, divided by `Orbit.free_rate` [rad/s]."""
 
     rate: float
     deviation: float = 0.0
@@ -124,8 +126,8 @@ _NO_TURNS = (math.nan, math.nan)
 def energy_reach(chain: Chain) -> float:
     """Return the distance from a wall beyond which energy belongs to the wake [rotor spacings].
 
-    Beyond 8 penetration depths, a wall has at most e^-16 of its energy. 3 rotor spacings are
-    added, because the penetration depth of some walls is 0.
+    At most the fraction e^-16 of the energy of a wall is beyond 8 penetration depths. 3 rotor
+    spacings are added, because the penetration depth of some walls is 0.
     """
     depth = penetration_depth(chain) / chain.spacing
     return 8 * depth + 3
@@ -134,8 +136,9 @@ def energy_reach(chain: Chain) -> float:
 def polarised_bonds(chain: Chain, angles: Array) -> tuple[Array, bool]:
     """Return the polarisation of each bond, shape (springs,), and whether the chain is turned.
 
-    The polarisation is 1 or -1 in the uniform states. A flipper is turned if it is upside down,
-    and a spinner if it leans left before its kink. The angles [rad] have shape (N,).
+    The polarisation is 1 in the right-leaning and -1 in the left-leaning uniform state. A flipper
+    is turned if it is upside down, and a spinner is turned if it leans left before its kink. The
+    angles [rad] have shape (N,).
     """
     springs = np.empty((3, chain.number_of_springs))
     twists, upright = state_loops.of_angles(
@@ -225,7 +228,7 @@ class StateReporter:
         )
 
     def _rows(self, unseen: Flags | None) -> tuple[Array, Array]:
-        """Return `springs` and `rotors` of `state_loops.report`; set the rates before use."""
+        """Return `springs` and `rotors` of `state_loops.report`; the caller sets the rates."""
         if unseen is None:
             return self._springs, self._rotors
         seen, half, count = ~unseen, self._springs[0], self.chain.number_of_springs
@@ -251,9 +254,10 @@ class StateReporter:
     def _edge_rotors(self, angles: Array, shape: state_loops.Shape) -> EdgeRotors:
         """Return the states of the edge rotors.
 
-        In the left-leaning state of a flipper, the lever A_0 has the sign of d - 1 (lean ratio d),
-        and B_n that of (-1)^(n+1); upside down, both signs are opposite. An edge rotor has toggled
-        if its lever, A_0 or B_{N-2}, has not this sign.
+        In the left-leaning state of a flipper with the lean ratio d, the lever A_0 has the sign of
+        d - 1, and the lever B_n has the sign of (-1)^(n+1). If the flipper is upside down, both
+        signs are opposite. The first rotor has toggled if A_0 has another sign, and the last rotor
+        if B_{N-2} has another sign.
         """
         chain = self.chain
         twists, upright, at_first, at_last = shape

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Shapes of walls at rest, as tables of staggered angles, and compiled fits of these shapes.
 
-Kinks, and anti-kinks for a lean ratio d < 1, are computed exactly. Anti-kinks in all spinners and
-some wobbling flippers are pinned: at rest, every other rotor is turned over. The shapes of all
-other anti-kinks are mirrored kinks, which is exact in the continuum limit.
+Kinks are computed exactly, and so are anti-kinks for a lean ratio d < 1. The anti-kinks of all
+spinners and of some wobbling flippers are pinned, so that they rest only at certain sites; their
+shapes are computed at such a site. All other anti-kinks have the shape of the mirrored kink, which
+is exact in the continuum limit.
 
 The arguments `theta` are staggered angles of successive rotors [rad], NaN if unknown, and `first`
 is the index of the first one of these rotors.
@@ -44,15 +45,17 @@ from soliton_linkage.solitons.static_wall import static_wall
 from soliton_linkage.solitons.tanh_fit import find_solitons
 
 _SCAN_STEP = 0.125
-"""Step of the scan over the site of a wall [rotor spacings]. Every wall is wider than this."""
+"""Distance between the sites of a scan [rotor spacings]. Every wall is wider than this."""
 _STEPS = 12
-"""Largest number of Gauss-Newton steps [1]."""
+"""Largest number of Gauss-Newton steps of a fit [1]."""
 _LONGEST_STEP = 0.3
-"""Steps of a fit are limited to this, in the site [rotor spacings] and in the stretch [1]."""
+"""Largest step of a fit in the site [rotor spacings] and in the stretch [1]."""
 _SHORTER = 0.6
-"""Factor of all later steps after two steps in the stretch with opposite signs [1]."""
+"""If two successive steps in the stretch have opposite signs, all later steps of the fit are
+multiplied by this [1]."""
 _CLOSE = 1e-6
-"""A fit ends when its steps in site [rotor spacings] and stretch [1] are smaller than this."""
+"""A fit ends when its steps in the site [rotor spacings] and in the stretch [1] are both smaller
+than this."""
 _NARROWEST, _WIDEST = 0.2, 2.0
 """Limits of the stretch: width of a fitted wall divided by the width in the table [1]."""
 
@@ -100,7 +103,10 @@ def find_domains(polarised: Array, cost: float, right: Flags) -> None:
 
 @compiled(_TABLE, i8, f8)
 def _shape(table: WallTable, parity: int, x: float) -> tuple[float, float]:
-    """Return angle [rad] and slope [rad / rotor spacing] at a distance x [rotor spacings]."""
+    """Return angle [rad] and slope [rad / rotor spacing] at a distance x [rotor spacings].
+
+    `parity` is 0 for even and 1 for odd rotors.
+    """
     angles, points, reach = table
     at = (x + reach) * points
     last = angles.shape[1] - 1
@@ -118,7 +124,7 @@ def _shape(table: WallTable, parity: int, x: float) -> tuple[float, float]:
 def set_residuals(
     theta: Array, first: int, table: WallTable, site: float, stretch: float, residuals: Array
 ) -> None:
-    """Set the residuals [rad], shape (n,): staggered angles minus those of a wall at `site`."""
+    """Set `residuals` [rad], shape (n,), to `theta` minus the angles of a wall at `site`."""
     for k in range(theta.size):
         n = first + k
         shape, _ = _shape(table, n % 2, (n - site) / stretch)
@@ -129,9 +135,10 @@ def set_residuals(
 def scan_wall(
     theta: Array, first: int, table: WallTable, start: float, beside: float, bound: float
 ) -> tuple[float, float]:
-    """Return the least sum of squares [rad^2] for sites within `beside` of `start`, and this site.
+    """Return the least sum of squared residuals [rad^2] for sites near `start`, and the best site.
 
-    Each squared residual is limited to `bound` [rad^2].
+    The sites are at most about `beside` [rotor spacings] from `start`. Each squared residual is
+    limited to `bound` [rad^2].
     """
     best, least = start, np.inf
     steps = math.ceil(beside / _SCAN_STEP)
@@ -198,8 +205,9 @@ def fit_wall(
 ) -> tuple[float, float, float, float]:
     """Fit the site and, if `free`, the stretch of a wall by reweighted Gauss-Newton steps.
 
-    Residuals above `bound` standard deviations have less weight. Return site and stretch, then the
-    information on the site and on the stretch for a noise of 1 rad.
+    `variance` is the variance of a residual [rad^2]; residuals above `bound` standard deviations
+    have less weight. Return the site, the stretch, and the information on each of them for a noise
+    of 1 rad.
     """
     site_information, of_stretch, last, share = 0.0, 0.0, 0.0, 1.0
     for _ in range(_STEPS):
@@ -227,7 +235,10 @@ def fit_wall(
 def fit_about(
     angles: Array, span: float, last: int, table: WallTable, site: float, stretch: float
 ) -> tuple[float, float, tuple[float, float, float, float, float]]:
-    """Fit site and stretch to rotors 1 to `last` - 1 within `span`; return also `sums_of_fit`."""
+    """Fit site and stretch to the rotors within `span` of `site`, and return also `sums_of_fit`.
+
+    The first rotor and rotor `last`, the last one, are not used.
+    """
     first, end = max(math.ceil(site - span), 1), min(math.floor(site + span) + 1, last)
     theta = np.empty(max(end - first, 0))
     for k in range(theta.size):
@@ -240,7 +251,7 @@ def fit_about(
 
 @compiled(i8, i8, _TABLE, f8, f8)
 def tangent_of(first: int, count: int, table: WallTable, site: float, stretch: float) -> Array:
-    """Return the derivatives of the angles with respect to the site [rad / spacing], (n,)."""
+    """Return the derivatives of `count` angles with respect to the site [rad / spacing]."""
     tangent = np.empty(count)
     for k in range(count):
         n = first + k
@@ -273,7 +284,7 @@ class WallShapes:
     """Shapes of the kinks and anti-kinks of a chain."""
 
     def __init__(self, chain: Chain) -> None:
-        """Compute static walls in a long uniform chain; raise the same errors as `static_wall`."""
+        """Compute kinks in a long uniform chain; raise the same errors as `static_wall`."""
         depth = penetration_depth(chain) / chain.spacing
         beside = math.ceil(_DEPTHS * depth + _ROTORS)
         even = beside + beside % 2
@@ -309,7 +320,7 @@ class WallShapes:
 
     @cached_property
     def pinning_speed(self) -> float:
-        """Least speed of an anti-kink that moves from site to site [spacings/s]; 0 if pinned."""
+        """Least speed at which an anti-kink passes from site to site [spacings/s]; 0 if pinned."""
         try:
             return barrier_speed(
                 self._window, *anti_kink_path(self._window, float(self._sites[0]))

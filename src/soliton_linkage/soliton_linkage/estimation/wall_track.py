@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lattice coordinates, the state of one wall from frame to frame, and encounters of two walls."""
+"""Lattice coordinates, tracks of single walls over many frames, and encounters of two walls."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class LatticeCoordinates:
         """Longest period of a phonon [s]."""
 
     def separation(self, site: float, other: float) -> float:
-        """Return the displacement from `other` to `site` [spacings], on a ring the shorter one."""
+        """Return the (shorter) displacement from `other` to `site` [rotor spacings]."""
         way = site - other
         return math.remainder(way, self.rotors) if self.periodic else way
 
@@ -57,7 +57,7 @@ class LatticeCoordinates:
         return 0.0 if site < (self.rotors - 1) / 2 else self.rotors - 1.0
 
     def rotors_between(self, low: float, high: float, edge: int = 0) -> NDArray[np.int64]:
-        """Return the rotors between two sites, except `edge` rotors at each open end."""
+        """Return the rotors between two sites, without the `edge` outermost rotors of each end."""
         first, last = math.ceil(low), math.floor(high)
         if not self.periodic:
             first, last = max(first, edge), min(last, self.rotors - 1 - edge)
@@ -72,7 +72,7 @@ class LatticeCoordinates:
 
 
 class WallFrame:
-    """Angles and rates of one frame, with methods for quantities near walls."""
+    """Angles and rates of one frame; methods compute energies and swings near walls."""
 
     def __init__(
         self,
@@ -96,7 +96,8 @@ class WallFrame:
     def swing(self, site: float, lean: int) -> float:
         """Return the largest swing of a rotor near a site, divided by a full swing [1].
 
-        Swings are counted from the uniform state that leans right (`lean` = 1) or left (-1).
+        The swing of a rotor is its distance from the uniform state that leans right (if `lean` is
+        1) or left (if `lean` is -1).
         """
         if self._angles is None:
             return 0.0
@@ -107,7 +108,8 @@ class WallFrame:
     def turn(self, left: float, right: float) -> int:
         """Return the sign of the change of the angles across the wall at `left`; 0 for flippers.
 
-        `right` is the site of the next wall; only the rotors up to the midpoint are used.
+        `right` is the site of the next wall. Only rotors up to the midpoint of both walls are
+        used.
         """
         chain, line, angles = self._chain, self._line, self._angles
         if angles is None or chain.motion is not Motion.SPINNER:
@@ -120,9 +122,9 @@ class WallFrame:
 
 
 _FORCE = 0.6
-"""Process noise of the rate of a fast anti-kink, divided by u^4 / v [1], for its speed v and u =
-`WallMeasurement.pinning`. The value is f^2 / 2 for f = pi / sqrt(8), the root mean square force of
-a sinusoidal potential at u = 1."""
+"""Process noise of the rate of a fast anti-kink, divided by u^4 / v [1]. Here v is its speed, and
+u is `WallMeasurement.pinning`. The value is f^2 / 2, with the root mean square force f = pi /
+sqrt(8) of a sinusoidal potential for u = 1."""
 
 
 class WallMeasurement(NamedTuple):
@@ -141,11 +143,11 @@ class WallMeasurement(NamedTuple):
     pinning: float = 0.0
     """Speed at which the kinetic energy equals the barrier between two sites [spacings / s]."""
     estimate: OrbitEstimate | None = None
-    """Estimate of the `OrbitFilter`, which replaces the filter of the track; None for a fit."""
+    """Estimate of the `OrbitFilter` if it has measured the wall; None for a fit."""
 
 
 class WallTrack:
-    """State of a wall from frame to frame, with a filter unless an `OrbitFilter` measures it."""
+    """State of a wall from frame to frame, which contains a filter of the fitted sites."""
 
     def __init__(
         self,
@@ -155,15 +157,17 @@ class WallTrack:
         site_arc: float,
         settings: EstimationSettings,
     ) -> None:
-        """Start with the typical rate `scale` [rad/s] and the arc length per spacing [rad]."""
+        """Start without measurements.
+
+        `scale` is the typical rate [rad/s], and `site_arc` the arc length per rotor spacing [rad].
+        """
         self._line, self._scale, self._arc, self._settings = line, scale, site_arc, settings
         self.charge = charge
         self.id = 0
         """Identifier of the wall, 1 or more; 0 until the wall is confirmed."""
         self.rotor = self.rate = self.deviation = self.rate_deviation = math.nan
         self.frames = self.missed = 0
-        """Number of frames that have shown this wall, and number of frames since the last of
-        them."""
+        """Number of frames that show this wall, and number of later frames that do not."""
         self.last_seen = math.nan
         """Time of the last frame that has shown this wall [s]."""
         self.width = math.nan, math.nan
@@ -187,7 +191,7 @@ class WallTrack:
         return TrackingStatus.TRACKING if self.frames > 1 else TrackingStatus.ACQUIRED
 
     def predict(self, elapsed: float) -> tuple[float, float]:
-        """Predict the site of the wall after `elapsed` [s]; return site and variance."""
+        """Return the predicted site after `elapsed` [s], and its variance [rotor spacings^2]."""
         if self._motion is None:
             rate = self.rate if math.isfinite(self.rate) else 0.0
             spread = 0.0 if rate else self._scale / self._arc * elapsed
@@ -205,7 +209,7 @@ class WallTrack:
         return self._line.wrap(site), variance / self._arc**2 + self._variance
 
     def update(self, measured: WallMeasurement, time: float) -> None:
-        """Update the state with a measurement at the time [s] to which it has been predicted."""
+        """Update the state with a measurement at a time [s], after `predict` for this time."""
         self.frames += 1
         self.missed, self.last_seen, self.width = 0, time, measured.width
         self._pinning = measured.pinning
@@ -230,9 +234,9 @@ class WallTrack:
         arc, rate, of_arc, _, of_rate = self._motion.summary
         self.rotor, self.rate = self._line.wrap(arc / self._arc), rate / self._arc
         # The filter does not include the error due to persistent residuals. This error oscillates
-        # with the waves, and changes while the wall moves. A line fitted to measurements over a
-        # time T has the bandwidth sqrt(3) / T; waves of frequency w change its slope by 4 / (w T)
-        # of the change by a constant error.
+        # with the waves, and changes while the wall moves. The slope of a line that is fitted over
+        # a time T has the bandwidth sqrt(3) / T. Compared with a constant error, an oscillation of
+        # frequency w changes the slope by the fraction 4 / (w T).
         speed = self.rate / self._settings.filter.bias_way
         change = math.hypot(speed, 2 * math.pi / self._line.period)
         relative = math.sqrt(of_rate / of_arc) / change
@@ -242,7 +246,7 @@ class WallTrack:
         self.rate_deviation = math.sqrt(of_rate) / self._arc
 
     def stop(self) -> None:
-        """Discard the estimated motion of the wall."""
+        """Discard the estimated rate of the wall."""
         self._motion, self.frames = None, 0
         self._variance = 0.0
         self.rate = self.rate_deviation = math.nan
@@ -264,15 +268,15 @@ class Encounter:
         self._line, self._settings = line, settings
         self.left, self.right = left, right
         self.energy = energy
-        """Energy near both walls before the encounter, or of the breather when it formed [J]."""
+        """Energy near both walls at the start, or energy of the breather when it formed [J]."""
         self.collisions = 0
         """Number of overlaps of the two walls."""
         self.breather = 0
         """Identifier of the breather; 0 if the walls have not formed a breather."""
         self.overlaps = False
-        """Whether the two walls overlap, so that the last frame has shown neither wall."""
+        """Whether the two walls overlap, so that the last frame does not show either of them."""
         self.when = self._moved = time
-        """Time of the first overlap [s]; before that, time of the smallest distance so far."""
+        """Time of the first overlap [s]; before an overlap, time of the smallest distance [s]."""
         self.site = line.midpoint(left.rotor, right.rotor)
         """Midpoint between the walls at the time `when` [rotor spacings]."""
         self.passed = False
@@ -290,12 +294,12 @@ class Encounter:
 
     @property
     def ids_before(self) -> tuple[int, ...]:
-        """Identifiers of the walls before the encounter, left to right, or of the breather."""
+        """Identifiers of the walls before the encounter, left to right; a breather has one."""
         ids = self.left.id, self.right.id
         return (self.breather,) if self.breather else ids[::-1] if self.passed else ids
 
     def add_seen(self, time: float, turn: int) -> None:
-        """Add a frame that shows both walls; `turn` is the `WallFrame.turn` of the left wall."""
+        """Add a frame that shows both walls; `turn` is `WallFrame.turn` for these walls."""
         self.overlaps, self._moved = False, time
         self._distance = abs(self._line.separation(self.right.rotor, self.left.rotor))
         self._peak = max(self._peak, self._distance)
@@ -308,7 +312,7 @@ class Encounter:
         self._turn = turn or self._turn
 
     def add_overlap(self, time: float, swing: float) -> None:
-        """Add a frame in which the walls overlap; `swing` is `WallFrame.swing` between them."""
+        """Add a frame in which the walls overlap; `swing` is `WallFrame.swing` at `site`."""
         if not self.overlaps:
             if not self.collisions or self._peak > self._onset + self._line.width / 4:
                 self.collisions += 1
@@ -325,7 +329,7 @@ class Encounter:
         return self.both_seen and self._distance > self._line.parted
 
     def outcome(self, time: float) -> EventKind | None:
-        """Return the outcome of the encounter at a time [s]; None if undecided or uneventful."""
+        """Return the event that has occurred by the given time [s]; None if there is none."""
         if self.is_over():
             nearer = self._initial - self._closest
             if self.breather:

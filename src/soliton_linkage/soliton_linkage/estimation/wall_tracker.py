@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tracker that identifies all walls of a chain and detects events."""
+"""Tracker of all walls of a chain, which detects events such as reflections and collisions."""
 
 from __future__ import annotations
 
@@ -46,10 +46,10 @@ def assign(
 ) -> dict[int, int]:
     """Assign measured walls to predicted walls.
 
-    Return a dict from the index of each assigned predicted wall to that of its measured wall. The
+    Return a dict that maps the index of a predicted wall to the index of its measured wall. The
     walls of a pair have equal charges, and their sites differ by less than `gate` predicted
-    standard deviations. Of all assignments with the largest number of pairs, the result has the
-    least sum of squared differences, in units of the predicted variances.
+    standard deviations. The result has the largest possible number of pairs. Of all such
+    assignments, it has the least sum of squared differences divided by the predicted variances.
     """
     if not predicted or not seen:
         return {}
@@ -74,9 +74,10 @@ class WallTracker:
         swing: float,
         settings: EstimationSettings,
     ) -> None:
-        """Start with the typical rate `scale` [rad/s] and the arc length per rotor spacing [rad].
+        """Start without walls.
 
-        `swing` is the arc length that a reflection at an edge takes, divided by `site_arc` [1].
+        `scale` is the typical rate [rad/s], and `site_arc` the arc length per rotor spacing [rad].
+        `swing` is the arc length of a reflection at an edge, divided by `site_arc` [1].
         """
         self._line, self._scale, self._arc = line, scale, site_arc
         self._edge_way = swing + 2 * line.near
@@ -98,8 +99,8 @@ class WallTracker:
     ) -> tuple[list[WallTrack], list[SolitonEvent]]:
         """Update the tracks with the walls `seen` in a frame.
 
-        Return the tracks of confirmed walls that the frame shows, sorted by site, and new events.
-        A new wall is confirmed after at most `confirming` frames.
+        Return the tracks of confirmed walls that the frame shows, sorted by site, and the events
+        that the frame confirms. A new wall is confirmed after at most `confirming` frames.
         """
         elapsed = time - self._time if self._frames else 0.0
         self._time, self._events = time, []
@@ -194,7 +195,10 @@ class WallTracker:
                 self._add_inside(track, new, time, frame)
 
     def _confirmed(self, track: WallTrack, confirming: int) -> bool:
-        """Return whether a wall is confirmed; only pairs inside need `confirming` frames."""
+        """Return whether a new wall is confirmed.
+
+        Only a pair of new walls of opposite charge inside the chain needs `confirming` frames.
+        """
         if track.frames >= min(confirming, self._frames) or self._is_at_edge(track):
             return True
         return not any(

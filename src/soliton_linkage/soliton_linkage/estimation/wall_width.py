@@ -30,13 +30,13 @@ standard deviation of ln(gamma), or smaller than `_CLOSEST` [1]."""
 _COARSEST = math.log(1.5)
 """The contraction is unknown if the standard deviation of ln(gamma) is at least this [1]."""
 _LEAST_DEVIATION = 3e-4
-"""Error of ln(gamma) that the approximate profile of a moving wall causes [1]."""
+"""Error of ln(gamma) because the profile of a moving wall is approximate [1]."""
 _PASSAGES, _FEWEST_PASSAGES = 30, 4
-"""The scatter between passages is estimated from the last `_PASSAGES` passages if there are at
-least `_FEWEST_PASSAGES` [1]. In a passage, the wall moves by one rotor spacing."""
+"""The variance of ln(gamma) between passages is estimated from the last `_PASSAGES` passages if
+there are at least `_FEWEST_PASSAGES` [1]. In a passage, the wall moves by one rotor spacing."""
 _SIGNIFICANCE = 2.5
-"""The scatter between passages counts as 0 unless chi-squared exceeds its mean for pure noise by
-this number of standard deviations [1]."""
+"""The variance between passages counts as 0 unless chi-squared exceeds its expectation for pure
+noise by this number of standard deviations [1]."""
 
 
 class Contraction(NamedTuple):
@@ -59,7 +59,10 @@ UNKNOWN = Contraction(math.nan, math.inf)
 
 
 class ContractionEstimator:
-    """Estimator of the contraction from one frame, or from the rotors passed recently."""
+    """Estimator of the contraction of a wall from one frame, or from its last passages.
+
+    In a passage, the wall moves by one rotor spacing.
+    """
 
     def __init__(self, shapes: WallShapes, settings: WidthSettings = DEFAULTS.width) -> None:
         self._shapes, self._settings, chain = shapes, settings, shapes.chain
@@ -104,7 +107,7 @@ class ContractionEstimator:
         return UNKNOWN
 
     def restart(self) -> None:
-        """Discard the mean, but keep the estimated scatter between passages."""
+        """Discard the mean, but keep the estimated variance between passages."""
         self._leg, self._anchor = -1, math.nan
         self._discard_passages()
 
@@ -113,7 +116,7 @@ class ContractionEstimator:
         self._before, self._passage = (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
 
     def update(self, angles: Array, site: float, leg: int, noise: float) -> Contraction:
-        """Add a frame as in `fit`; return the mean over recent passages, or `UNKNOWN`."""
+        """Fit a frame, and return the mean over recent passages; `UNKNOWN` if the fit fails."""
         if leg != self._leg:
             self.restart()
             self._leg, self._anchor = leg, site
@@ -161,9 +164,10 @@ class ContractionEstimator:
 
 
 def passage_scatter(values: Array, variances: Array) -> float:
-    """Return the variance of ln(gamma) between passages without noise; 0 if insignificant.
+    """Return the variance of ln(gamma) between passages that is not due to noise.
 
-    `values` are the means of ln(gamma) in the passages, `variances` their variances due to noise.
+    The result is 0 if the variance is not significant. `values` are the means of ln(gamma) in the
+    passages, and `variances` are the variances of these means due to noise.
     """
     apart, freedoms = values - np.average(values, weights=1 / variances), len(values) - 1
     by_chance = freedoms + _SIGNIFICANCE * math.sqrt(2 * freedoms)

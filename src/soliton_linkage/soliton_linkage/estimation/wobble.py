@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Wobble of the rotors beside a wall; a computed wall at rest determines which rotors are used."""
+"""Wobble of the rotors beside a wall.
+
+A computed wall at rest determines which rotors are used.
+"""
 
 from __future__ import annotations
 
@@ -28,18 +31,18 @@ BARS = np.dtype(
 """Parameters of a chain that determine the wobble; `spins` is 1 for spinners, else 0."""
 _BARS = records(BARS)
 _LEAST_NOISE = 1e-12
-"""Lower limit of the noise [rad], the size of rounding errors."""
+"""Lower limit of the noise [rad], of the order of rounding errors."""
 _CALM, _LARGEST, _ABOVE_NOISE = 1e-3, 0.5, 4.0
 """A rotor beside a wall at rest is calm if it deviates from the uniform state by less than `_CALM`
 times the rest angle, or by less than the noise. A rotor is in a tail if its deviation is at most
 `_LARGEST` times the rest angle and at least `_ABOVE_NOISE` standard deviations of the noise."""
 _BEND = 0.3
-"""The assumed error of the position of a zero of a tail [rotor spacings] is this times the
-deviation of the rotor on its inner side, divided by the rest angle."""
+"""Assumed error of the position of a zero of a tail [rotor spacings], if the nearest rotor between
+the zero and the wall deviates by the rest angle. The error is proportional to this deviation."""
 _CERTAIN, _COARSEST = 3.0, 0.2
-"""The decay length is unknown if the standard deviation of the fitted tail ratio is at least 1 /
-`_CERTAIN` of the exact tail ratio, or causes a relative error of the decay length above
-`_COARSEST` [1]."""
+"""The decay length is unknown if the standard deviation of the fitted tail ratio is too large: at
+least the exact tail ratio divided by `_CERTAIN`, or large enough to cause a relative error of the
+decay length above `_COARSEST` [1]."""
 _NO_OVERSHOOT = (math.nan, math.nan, math.nan)
 
 
@@ -56,8 +59,9 @@ def beside_wall(
 ) -> None:
     """Set `leans` [rad], (2, n): deviations of rotors beside a wall from their uniform states.
 
-    Row 0 is for the wall at rest, and row 1 for the measured angles. The columns for the rotors
-    before `middle` come first. On both sides, the order is from the wall outwards.
+    Row 0 is for the wall at rest, and row 1 for the measured angles. The first columns are for the
+    rotors before `middle`, sorted by the distance from the wall. The other columns are for the
+    rotors from `middle` on, sorted in the same way.
     """
     expected, measured = leans[0], leans[1]
     high = low + expected.size
@@ -81,10 +85,10 @@ def beside_wall(
 
 @compiled(const_f8_1d, f8, f8)
 def overshooting(expected: Array, rest_angle: float, calm: float) -> int:
-    """Return the index of the rotor with the largest lean, the sine of its angle.
+    """Return the index of the rotor that leans most, which has the largest sine of its angle.
 
     If `calm` [rad] is above 0, return instead the index of the first rotor whose deviation from
-    the uniform state is below `calm`.
+    the uniform state is below `calm`, or of the last rotor if there is none.
     """
     at, most = 0, -math.inf
     for n in range(expected.size):
@@ -126,7 +130,10 @@ def tail_sums(
 def half_wavelength(
     measured: Array, begin: int, end: int, rest_angle: float, error: float, bend: float
 ) -> tuple[float, float]:
-    """Return the mean distance between the zeros of a tail [rotor spacings] and its variance."""
+    """Return the mean distance between the zeros of a tail [rotor spacings], and its variance.
+
+    `error` is the standard deviation of the angles [rad], and `bend` is `_BEND`.
+    """
     start = max(end - 1, begin)
     while start > begin and measured[start - 1] * measured[start] < 0:
         start -= 1
@@ -199,9 +206,9 @@ def wobble(
 ) -> tuple[Overshoot, Lengths]:
     """Return the overshoot and the lengths of the wobble beside a wall.
 
-    The overshoot [m] (see `_overshoot`) is measured on the side of the wall on which the same wall
-    at rest has the larger overshoot. The lengths are tail ratio [1], decay length and wavelength
-    [m], each followed by its standard deviation. Unknown values are NaN.
+    The overshoot [m] (see `_overshoot`) is measured on that side of the wall on which a wall at
+    rest has the larger overshoot. The lengths are the tail ratio [1], the decay length [m] and the
+    wavelength [m], each followed by its standard deviation. Unknown values are NaN.
     """
     bar, rotors = bars[0], angles.size
     rest_angle, length, spacing = bar['rest_angle'], bar['rotor_length'], bar['spacing']
@@ -247,18 +254,17 @@ def wobble(
 class Wobble(NamedTuple):
     """Wobble: deviations of the rotors beside a wall from the uniform states; NaN if unknown.
 
-    amplitude: overshoot |u| - ub [m], the lean |u| of a rotor minus the lean ub in the uniform
-        state. In a wall at rest, this rotor has the largest lean (d > 1), or is the nearest one
-        with its uniform angle (d <= 1), on the side with the larger overshoot.
-    amplitude_deviation: standard deviation of the amplitude [m].
-    rest_amplitude: overshoot of the same rotor for a wall at rest [m].
-    tail_ratio: ratio of the deviations of a rotor in the tails and of its inner neighbour [1].
-    tail_ratio_deviation: standard deviation of the tail ratio [1].
-    decay_length: distance over which the tails decrease by a factor e [m].
-    decay_length_deviation: standard deviation of the decay length [m].
-    wavelength: twice the mean distance between zeros of the tails [m].
-    wavelength_deviation: standard deviation of the wavelength [m].
-    exact_decay_length: penetration depth ell, the decay length by theory [m].
+    amplitude: overshoot |u| - ub of one rotor [m], with its lean |u| and its lean ub in the
+        uniform state. The rotor is selected in a wall at rest, on the side with the larger
+        overshoot. For a lean ratio d > 1 it is the rotor that leans most; for d <= 1 it is the
+        nearest rotor in the uniform state.
+    amplitude_deviation: standard deviation of the amplitude [m]. rest_amplitude: overshoot of the
+    same rotor for a wall at rest [m]. tail_ratio: deviation of a rotor in a tail, divided by the
+    deviation of its inner neighbour [1]. tail_ratio_deviation: standard deviation of the tail
+    ratio [1]. decay_length: distance over which the tails decrease by a factor e [m].
+    decay_length_deviation: standard deviation of the decay length [m]. wavelength: twice the mean
+    distance between successive zeros of the tails [m]. wavelength_deviation: standard deviation of
+    the wavelength [m]. exact_decay_length: penetration depth ell, the decay length by theory [m].
     exact_wavelength: wavelength by theory [m]: 2 a for d > 1, else infinite.
     """
 
@@ -299,14 +305,15 @@ class WobbleReporter:
         """Return the wobble beside a wall at `site`, given finite angles [rad], shape (N,).
 
         `at_rest` are the angles of a computed wall at rest at the same site, from rotor `first`
-        on, in the orientation of the orbit and known up to whole turns [rad], shape (n,).
+        on, in the orientation of the orbit [rad], shape (n,). They may differ from the measured
+        angles by whole turns.
 
         A rotor deviates by e from the uniform state, and its outer neighbour by e'. Without waves,
-        e' = F(e) (`next_deviation`), with the slope F'(0) = lambda_0 = (1 - d) / (1 + d) for the
-        lean ratio d. The tail ratio lambda is fitted to e' = F(e) + (lambda - lambda_0) e on both
-        sides of the wall, and the wavelength to the zeros of the tails. `noise` is the standard
-        deviation of the angles, and `persistent` the rms of the persistent differences from the
-        orbit [rad].
+        e' = F(e) (see `next_deviation`), with the slope F'(0) = lambda_0 = (1 - d) / (1 + d) for
+        the lean ratio d. With waves, the tail ratio lambda is fitted to e' = F(e) + (lambda -
+        lambda_0) e on both sides of the wall. The wavelength is fitted to the zeros of the tails.
+        `noise` is the standard deviation of the angles [rad], and `persistent` is the rms of the
+        persistent differences from the orbit [rad].
         """
         overshoot, lengths = wobble(self._bars, angles, at_rest, first, site, noise, persistent)
         return Wobble(*overshoot, *lengths, *self._exact)
