@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Anti-kinks at rest: the states with the least elastic energy V at each site coordinate x.
 
-The energy depends on the site, so that a constraint with the force p must hold the anti-kink,
+Because the energy depends on the site, a constraint must hold the anti-kink at its site. With the
+Lagrange multiplier p of this constraint, the states satisfy
 
     grad V(phi) = p grad sum_n F_n(phi),    sum_n F_n(phi) = N - 1 - 2 x,
 
-with the field F_n of `constraint_field`. It is pinned if one of these states is unstable.
+where `constraint_field` defines the field F_n. An anti-kink is pinned if one of these states is
+unstable.
 """
 
 from __future__ import annotations
@@ -21,7 +23,8 @@ from soliton_linkage.linear.statics import stiffness_matrix
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 
 _SAMPLES = 65
-"""Number of samples over two rotor spacings [1]; splines through them have errors of 1e-6."""
+"""Number of samples over two rotor spacings [1]. Splines through these samples have errors of
+1e-6."""
 _NEWTON_STEPS = 30
 """Largest number of Newton steps [1]; about five are needed."""
 _CONVERGED = 1e-7
@@ -29,16 +32,17 @@ _CONVERGED = 1e-7
 _LONGEST = 0.3
 """A Newton step is scaled down so that no angle changes by more than this [rad]."""
 _BUCKLING = 1e-6
-"""An eigenvalue counts as negative in `_is_stable` if it is below 0 by more than this fraction of
-the largest diagonal element of H [1]. Rounding errors are smaller."""
+"""Threshold in `_is_stable`: an eigenvalue of H counts as negative if it is below 0 by more than
+this fraction of the largest diagonal element of H [1]. Rounding errors are smaller."""
 
 
 @lru_cache(maxsize=8)
 def anti_kink_path(chain: Chain, begin: float) -> tuple[Array, Array]:
     """Return K sites of an anti-kink [rotor spacings] and the angles at each site [rad], (K, N).
 
-    The sites, far from the edges, increase from `begin` to `begin` + 2 with the arc length. Then
-    the path repeats, shifted by two rotors. Raises ArithmeticError if the anti-kink is pinned.
+    The sites increase from `begin` to `begin` + 2 in proportion to the arc length of the path.
+    Beyond these sites, the path repeats, shifted by two rotors. All sites must be far from the
+    edges. Raises ArithmeticError if the anti-kink is pinned.
     """
     angles, multiplier = continuum_anti_kink(chain, begin), 0.0
     found = []
@@ -54,7 +58,7 @@ def anti_kink_path(chain: Chain, begin: float) -> tuple[Array, Array]:
 
 
 def barrier_speed(chain: Chain, sites: Array, states: Array) -> float:
-    """Return the least speed of an anti-kink that moves from site to site [spacings/s].
+    """Return the smallest speed at which an anti-kink moves from site to site [spacings/s].
 
     A slower anti-kink does not cross the maxima of the energy between the sites. `sites` and
     `states` are the result of `anti_kink_path`.
@@ -69,8 +73,9 @@ def barrier_speed(chain: Chain, sites: Array, states: Array) -> float:
 def resting_anti_kink(chain: Chain, near: float) -> tuple[float, Array]:
     """Return the site [rotor spacings] and angles [rad], (N,), of an anti-kink in equilibrium.
 
-    The search starts at the site `near`. The edge rotors are held at their uniform angles. Of the
-    two equilibria of a flipper per rotor spacing, the result has the smaller energy.
+    The search starts at the site `near`. The edge rotors are fixed at their angles in the uniform
+    states. A flipper has two equilibria per rotor spacing; the result is the one with the smaller
+    energy.
     """
     starts = (near,) if chain.motion is Motion.SPINNER else (near, near + 0.5)
     found = [_minimum(chain, continuum_anti_kink(chain, start)) for start in starts]
@@ -80,7 +85,10 @@ def resting_anti_kink(chain: Chain, near: float) -> tuple[float, Array]:
 
 
 def continuum_anti_kink(chain: Chain, site: float) -> Array:
-    """Return the angles of a continuum anti-kink [rad], (N,); the edges are in uniform states."""
+    """Return the angles of an anti-kink of the continuum theory [rad], shape (N,).
+
+    The edge rotors have their angles in the uniform states.
+    """
     rotors, rest = np.arange(chain.number_of_rotors), chain.rest_angle
     field = np.tanh((rotors - site) * chain.spacing / chain.wall_width)
     field[0], field[-1] = -1.0, 1.0
@@ -91,7 +99,7 @@ def continuum_anti_kink(chain: Chain, site: float) -> Array:
 
 
 def constraint_field(chain: Chain, angles: Array) -> tuple[Array, Array, Array]:
-    """Return the fields F_n and their first and second derivatives dF_n/dphi_n, (N,) each.
+    """Return the field F_n and its first and second derivative with respect to phi_n, (N,) each.
 
     For flippers F_n is (3 m - m^3) / 2 with the `order_field` m, and for spinners it is cos(theta
     - theta_bar). Far from the anti-kink, dF_n/dphi_n is 0 in both cases.
@@ -149,9 +157,9 @@ def _constrained_minimum(
 def _is_stable(diagonal: Array, beside: Array, along: Array) -> bool:
     """Return whether x^T H x > 0 for all x orthogonal to the vector b = `along`.
 
-    H is tridiagonal, with the elements `diagonal` and, next to them, `beside`. By Haynsworth's
-    theorem, H bordered by b has as many negative eigenvalues as H, plus one if b^T H^-1 b > 0. The
-    result is true if the bordered matrix has exactly one negative eigenvalue.
+    H is a tridiagonal matrix with the elements `diagonal` and, next to the diagonal, `beside`. By
+    Haynsworth's theorem, H bordered by b has as many negative eigenvalues as H, plus one if
+    b^T H^-1 b > 0. The result is true if the bordered matrix has exactly one negative eigenvalue.
     """
     limit = -_BUCKLING * float(np.abs(diagonal).max())
     negative = eigvalsh_tridiagonal(diagonal, beside, select='v', select_range=(-np.inf, limit))

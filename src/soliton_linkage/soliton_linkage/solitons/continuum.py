@@ -8,7 +8,8 @@ width at rest and c the speed of sound:
     w = w_0 / gamma,    gamma = 1 / sqrt(1 - v^2 / c^2),
     E = (gamma - 1) M_eff c^2 + (1 - Q) E_s,    E_s = M_eff c^2.
 
-Signs and factors are those of the modelled chain; the docstrings state where the paper differs.
+Signs and factors are those of the modelled chain. The docstrings state where the paper (Chen et
+al., PNAS 111, 13004 (2014)) differs.
 """
 
 from __future__ import annotations
@@ -32,9 +33,10 @@ _HARDEST_KICK = 1e9
 class WallTheory(ABC):
     """Theory of relativistic walls in a uniform chain, exact for very small or large lean ratio.
 
-    If `exact_sound` is true, c is the exact speed of sound, which agrees better with simulated
-    walls. E_s = M_eff c^2 then holds only in the limit of very small or large d. Velocities are in
-    m/s. Methods raise ValueError for velocities of c or more, and for charges other than +-1.
+    If `exact_sound` is true, c is the exact speed of sound of the chain; the theory then agrees
+    better with simulated walls, but E_s = M_eff c^2 holds only in the limit of very small or large
+    d. Otherwise, c is `limiting_speed_of_sound`. Velocities are in m/s. Methods raise ValueError
+    for velocities of c or more, and for charges other than +-1.
     """
 
     chain: Chain
@@ -43,7 +45,7 @@ class WallTheory(ABC):
     @property
     @abstractmethod
     def limiting_speed_of_sound(self) -> float:
-        """Speed of sound in the limit of d in which the theory is exact [m/s]."""
+        """Speed of sound in the limit of the lean ratio d in which the theory is exact [m/s]."""
 
     @property
     @abstractmethod
@@ -103,8 +105,8 @@ class WallTheory(ABC):
             raise ValueError(f'kick = {kick} m/s must be a finite number')
         if not (math.isfinite(arc) and arc > 0):
             raise ValueError(f'arc per site = {arc} must be a finite number above 0')
-        # For so hard a kick, v equals c up to rounding. At d = 1 this is true for every kick,
-        # because c is 0.
+        # For so hard a kick, v equals c up to rounding. At d = 1, this branch returns 0 for every
+        # kick, because c is 0.
         if abs(kick) >= _HARDEST_KICK * arc * self.speed_of_sound:
             return math.copysign(self.speed_of_sound, kick)
         gained = (kick / (arc * self.speed_of_sound)) ** 2 / 2
@@ -151,7 +153,8 @@ class FlipperTheory(WallTheory):
 
         L = (1 / a) integral dx {(M / 2) u_t^2 - (K / 2) [(ub^2 - u^2) + (a^2 / 2) u_x]^2}.
 
-    In the paper (`lagrangian2`), the cross term is half as large and the factor 1 / a is missing.
+    In the paper (equation `lagrangian2`), the cross term is half as large and the factor 1 / a is
+    missing.
     """
 
     def __post_init__(self) -> None:
@@ -237,17 +240,19 @@ class FlipperTheory(WallTheory):
 class SpinnerTheory(WallTheory):
     """Sine-Gordon theory of the walls of a spinner. Raises ValueError for a flipper.
 
-    Across a wall, the rotation psi [rad] increases from 0 to pi. When psi increases, phi increases
-    for `turn` = +1, and decreases for `turn` = -1. theta is theta_bar + turn psi on the even
-    rotors (the odd sites of the paper), and theta_bar - turn psi on the odd rotors. With I = M
-    r^2, ub = r sin(theta_bar) and K = k_e r^4 a^2 sin(2 theta_bar)^2 / lbar^2, the Lagrangian is
+    Across a kink, the rotation psi [rad] increases from 0 to pi. When psi increases, phi increases
+    for `turn` = +1, and decreases for `turn` = -1. The staggered angle theta is
+    theta_bar + turn psi for even rotors (the odd sites of the paper), and theta_bar - turn psi for
+    odd rotors. With I = M r^2, ub = r sin(theta_bar) and K = k_e r^4 a^2 sin(2 theta_bar)^2 /
+    lbar^2, the Lagrangian is
 
         L = (1 / a) integral dx {(I / 2) psi_t^2 - (K / 2) [psi_x - sin(psi) / ub]^2}.
 
     In the paper (supporting information), the last term has an additional factor a. `family`
-    distinguishes two assemblies of the chain. Modulo 2 pi, theta changes across a wall from
+    distinguishes two assemblies of the chain. Modulo 2 pi, theta changes across a kink from
     theta_bar to theta_bar + pi in the family +1, and from pi - theta_bar to -theta_bar in the
-    family -1, for which psi - pi and -theta_bar replace psi and theta_bar in theta.
+    family -1. For the family -1, replace psi by psi - pi and theta_bar by -theta_bar in the
+    formulas of theta.
     """
 
     family: int = 1
@@ -286,7 +291,7 @@ class SpinnerTheory(WallTheory):
     def rotation(
         self, x: ArrayLike, position: float = 0.0, velocity: float = 0.0, charge: int = 1
     ) -> Array:
-        """Return the field psi at positions x [m], with cos(psi) = -Q tanh((x - X) / w) [rad].
+        """Return the field psi [rad] at positions x [m], where cos(psi) = -Q tanh((x - X) / w).
 
         The wall of charge Q and width w is at `position` X [m].
         """
@@ -302,7 +307,7 @@ class SpinnerTheory(WallTheory):
         charge: int = 1,
         turn: int = 1,
     ) -> Array:
-        """Return the staggered angles theta of rotors at positions x [m] in one sublattice [rad].
+        """Return the staggered angles theta [rad] of rotors of one sublattice at positions x [m].
 
         The `sublattice` is 0 for even and 1 for odd rotors. For a wall of charge Q and width w at
         `position` X [m], cos(theta - theta_bar) = -Q tanh((x - X) / w). At rest, theta' = Q
@@ -353,8 +358,9 @@ class SpinnerTheory(WallTheory):
     ) -> tuple[Array, Array]:
         """Return angles [rad] and rates [rad/s] of a chain with a wall at a position [m].
 
-        The angles phi are those of the uniform state +1 plus turn psi, or in the family -1, those
-        of the uniform state -1 plus turn (psi - pi). The rates follow from psi_t = -v psi'.
+        In the family +1, the angles phi are the angles in the uniform state +1 plus turn psi. In
+        the family -1, they are the angles in the uniform state -1 plus turn (psi - pi). The rates
+        follow from psi_t = -v psi'.
         """
         pivots = self._pivots()
         rotation = self.rotation(pivots, position, velocity, charge)

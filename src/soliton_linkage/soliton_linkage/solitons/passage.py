@@ -2,8 +2,9 @@
 """Bonds that stop a wall in a chain with deviations of rotors and springs.
 
 Each bond is a four-bar linkage of two rotors, the line between their pivots, and their spring. The
-Grashof class of a linkage determines which rotors can turn fully. If one bond has another class
-than the others, its rotors reach a limit of their motion before the wall has passed.
+Grashof class of a linkage determines which rotors can turn fully. If the class of one bond differs
+from the class of the other bonds, the rotors of this bond reach a limit of their motion before the
+wall has passed.
 """
 
 from __future__ import annotations
@@ -41,11 +42,12 @@ def length_excesses(chain: Chain) -> Array:
 def blocked_bonds(chain: Chain) -> NDArray[np.bool_]:
     """Return for each bond whether it may stop a wall, shape (springs,).
 
-    A wall passes if, with the rotor lengths r, the spacings a and the rest lengths lbar, lbar_n >
-    a_n + |r_n - r_{n+1}| on all bonds, and r_n + r_{n+1} - a_n - lbar_n has the same sign on all
-    bonds; otherwise the bonds with the rarer sign may stop the wall. By Grashof's criterion, a
-    bond is a triple rocker if the sign is negative, as in flippers, and a double crank if it is
-    positive, as in spinners. The conditions are sufficient but not necessary.
+    Let r be the rotor lengths, a the spacings and lbar the rest lengths. A wall passes if two
+    conditions hold: lbar_n > a_n + |r_n - r_{n+1}| on all bonds, and r_n + r_{n+1} - a_n - lbar_n
+    has the same sign on all bonds. A bond that violates the first condition, or that has the rarer
+    sign, may stop the wall. By Grashof's criterion, a bond is a triple rocker if the sign is
+    negative, as in flippers, and a double crank if it is positive, as in spinners. The conditions
+    are sufficient but not necessary.
     """
     excess = length_excesses(chain) - chain.spacings
     other_class = ~(excess > 0) if _spinning(chain) else ~(excess < 0)
@@ -79,8 +81,8 @@ def find_obstacles(chain: Chain) -> tuple[Obstacle, ...]:
 def motion_of_bonds(chain: Chain) -> Motion | None:
     """Return the class of motion of a chain with deviations, or None if a bond may stop a wall.
 
-    With the `length_excesses`, the chain is a spinner if they exceed the spacing on every bond, a
-    flipper if they exceed 0 on no bond, and otherwise a wobbling flipper.
+    The chain is a spinner if the `length_excesses` of all bonds exceed the spacings, a flipper if
+    no length excess is above 0, and otherwise a wobbling flipper.
     """
     if blocked_bonds(chain).any():
         return None

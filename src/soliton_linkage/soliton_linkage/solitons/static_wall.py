@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Walls at rest, and the arc length of the orbit per rotor spacing.
 
-For a given angle of its neighbour, the bar between them allows two angles of a rotor (branches).
-The sign of a lever selects one: that of B_n on the right of the wall, and of A_n on its left.
-Errors decay outwards from the wall as fast as the zero mode.
+For a given angle of one rotor, the bar to its neighbour allows two angles of the neighbour (two
+branches). The sign of a lever selects the branch: the sign of B_n on the right of the wall, and
+the sign of A_n on the left of the wall. Errors decay outwards from the wall as fast as the zero
+mode.
 """
 
 from __future__ import annotations
@@ -22,38 +23,42 @@ from soliton_linkage.linear.rigidity import mode_towards_last, rigidity_bands, z
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 
 _DEPTHS_BESIDE = 19
-"""Rotors are computed up to this distance from a wall [penetration depths]. Farther away, the
-squared zero mode is below the rounding errors."""
+"""Largest distance from a wall at which rotors are computed [penetration depths]. At larger
+distances, the squared zero mode is below the rounding errors."""
 _MOST_BESIDE = 49_000
-"""If a wall needs more rotors than this on each side [1], the chain is rejected."""
+"""Largest number of rotors that are computed on each side of a wall [1]. A chain whose walls need
+more is rejected."""
 _MOST_STEPS = 100_000
 """Largest number of solver steps along an orbit [1]; near d_c, one or two thousand are needed."""
 _TRANSITION = 1e-9
-"""If |d - d_c| / d_c is below this [1], the chain is rejected, because rounding errors could then
-change the sense of rotation."""
+"""A chain is rejected if |d - d_c| / d_c is below this [1], because rounding errors could change
+the sense of rotation."""
 _TOLERANCE = 1e-13
-"""Relative [1] and absolute [rad] error of a step; errors of arc lengths are then 1e-11 rad."""
+"""Relative [1] and absolute [rad] tolerance of a step. With this tolerance, the errors of arc
+lengths are 1e-11 rad."""
 _ARRIVED = 1e-4
-"""`follow_zero_mode` is at its goal when no angle differs by more than twice this [rad]."""
+"""`follow_zero_mode` has reached its goal when no angle differs from the goal by more than twice
+this value [rad]."""
 
 
 def static_wall(chain: Chain, site: float, leg: int = 0, inverted: bool = False) -> Array:
-    """Return the angles of a chain at rest with its wall at a site coordinate [rad], shape (N,).
+    """Return the angles [rad], (N,), of a chain at rest whose wall is at a site coordinate.
 
     The site coordinate [rotor spacings] is n if the wall is at rotor n, and n + 1/2 if it is in
     the middle between rotors n and n + 1. In an infinite chain, the site coordinate is
     proportional to the arc length of the zero-energy orbit. A finite chain has the same angles as
-    an infinite one, except that an edge rotor may be at the other one of its two rest angles.
+    an infinite chain, except that an edge rotor may be toggled: it is then at the other one of the
+    two angles that its bar allows.
 
-    In flippers with d <= 1, this is the case for no edge rotor in `leg` 0 of the `Orbit`, for the
-    last one in leg 1, for both in leg 2, and for the first one in leg 3. In wobbling flippers, it
-    is the case for the first one in leg 0, for both in leg 1, for the last one in leg 2, and for
-    none in leg 3. In a spinner, a wall turns the rotors over in one direction in leg 0, and in the
-    opposite direction in leg 1. If `inverted` is true, the chain is assembled upside down, with pi
-    - phi in place of phi. In a chain with deviations, the rotor nearest to the wall has the same
-    angle as without deviations, and the other angles follow from the lengths of the bars. Raises
-    ValueError for a chain of two rotors or with periodic ends, a site outside the range 0 to N -
-    1, an unknown leg, bars of impossible length, and the errors of `site_arc`.
+    In flippers with d <= 1, no edge rotor is toggled in `leg` 0 of the `Orbit`, the last one is
+    toggled in leg 1, both are toggled in leg 2, and the first one in leg 3. In wobbling flippers,
+    the first one is toggled in leg 0, both are toggled in leg 1, the last one in leg 2, and none
+    in leg 3. In a spinner, a wall turns the rotors over in one direction in leg 0, and in the
+    opposite direction in leg 1. If `inverted` is true, the chain is assembled upside down, with
+    pi - phi in place of phi. In a chain with deviations, the rotor nearest to the wall has the
+    same angle as without deviations, and the other angles follow from the lengths of the bars.
+    Raises ValueError for a chain of two rotors or with periodic ends, a site outside the range 0
+    to N - 1, an unknown leg, bars of impossible length, and the errors of `site_arc`.
 
         >>> import soliton_linkage as sl
         >>> chain = sl.Chain(number_of_rotors=20)
@@ -103,8 +108,9 @@ def angles_from_seed(
 ) -> Array:
     """Return all angles of a chain of bars [rad], (N,), given the angle of the rotor `seed`.
 
-    On the left of the seed, A_n has the sign left_branches[n], and on its right, B_n has the sign
-    right_branches[n], (springs,) each. Raises ValueError if a bar is too short or too long.
+    For each bar n on the left of the seed, the lever A_n has the sign left_branches[n]. For each
+    bar n on the right, the lever B_n has the sign right_branches[n]. Both arrays have the shape
+    (springs,). Raises ValueError if a bar is too short or too long.
     """
     if seed not in range(chain.number_of_rotors):
         raise ValueError(f'seed = {seed} must be a rotor from 0 to {chain.number_of_rotors - 1}')
@@ -149,9 +155,10 @@ def neighbour_angle(
 
 @lru_cache(maxsize=16)
 def bar_branches(chain: Chain, leg: int, inverted: bool) -> tuple[Array, Array]:
-    """Return the signs of A_n on the left of a wall and of B_n on its right, (springs,) each.
+    """Return the signs of the levers A_n on the left of a wall, and of B_n on the right of it.
 
-    The docstring of `static_wall` explains `leg` and `inverted`. The arrays are read-only.
+    The docstring of `static_wall` explains `leg` and `inverted`. The arrays have the shape
+    (springs,) and are read-only.
     """
     first, _ = rigidity_bands(chain, _uniform_state(chain, 1, inverted))
     _, second = rigidity_bands(chain, _uniform_state(chain, -1, inverted))
@@ -164,10 +171,10 @@ def bar_branches(chain: Chain, leg: int, inverted: bool) -> tuple[Array, Array]:
 
 
 def toggled_edges(chain: Chain, leg: int) -> tuple[bool, bool]:
-    """Return whether the first rotor, and whether the last rotor has toggled, in a flipper.
+    """Return whether the first, and whether the last rotor of a flipper is toggled in a leg.
 
-    A toggled rotor is not at the rest angle of an infinite chain, but at its other rest angle. For
-    d > 1, this differs for the first rotor from the definition in `Orbit`.
+    The docstring of `static_wall` defines a toggled rotor. For d > 1, the first rotor is toggled
+    by this definition in the legs in which it is not toggled by the definition in `Orbit`.
     """
     if chain.motion is Motion.SPINNER:
         return False, False
@@ -185,7 +192,8 @@ def follow_zero_mode(
 
     `tangent` returns the tangent at a configuration. `tolerances` are the relative [1] and the
     absolute [rad] tolerance of the solver. `begin` and `end` are arc lengths from `start` [rad],
-    and `angles` interpolates between them. Raises ArithmeticError if `goal` is not reached.
+    and `angles` is a function that interpolates the angles between them. Raises ArithmeticError if
+    `goal` is not reached.
     """
     limits = dict(zip(('rtol', 'atol'), tolerances, strict=True))
     solver = DOP853(lambda _, angles: tangent(angles), 0.0, start, np.inf, **limits)
@@ -224,7 +232,7 @@ def _uniform_state(chain: Chain, lean: int, inverted: bool) -> Array:
 
 
 def _seed_angle(chain: Chain, seed: int, beyond: float, leg: int, inverted: bool) -> float:
-    """Return the angle of rotor `seed` when the wall is `beyond` rotor spacings past it [rad]."""
+    """Return the angle [rad] of rotor `seed` if the wall is `beyond` spacings past this rotor."""
     if chain.motion is not Motion.SPINNER:
         leg = 0
     elif inverted:
@@ -256,7 +264,8 @@ def _symmetric_wall(chain: Chain, rotor: int, leg: int) -> Array:
 
 @lru_cache(maxsize=64)
 def _shape(chain: Chain) -> Chain:
-    # Chains with other masses, springs or motors have the same walls, which are then cached once.
+    # Chains that differ only in masses, springs or motors have the same walls, which are cached
+    # once.
     return Chain(3, chain.spacing, chain.rotor_length, chain.rest_angle)
 
 
@@ -278,7 +287,7 @@ def _rotors_beside(chain: Chain) -> int:
 
 
 class _SitePassage:
-    """Motion of a wall by one rotor spacing, past one rotor, with its arc on the orbit [rad]."""
+    """Motion of a wall past one rotor, by one rotor spacing; `arc` is its arc length [rad]."""
 
     def __init__(self, chain: Chain, leg: int, odd: bool) -> None:
         beside = _rotors_beside(chain)
@@ -298,7 +307,10 @@ class _SitePassage:
         self._solution = OdeSolution([0.0, *ends], list(pieces))
 
     def angle(self, beyond: float, other: int = 0) -> float:
-        """Return the angle of a rotor [rad]; the wall is `beyond` (-1/2 to 1/2) past rotor 0."""
+        """Return the angle [rad] of the rotor that is `other` rotors after the passed rotor.
+
+        The wall is `beyond` rotor spacings (-1/2 to 1/2) beyond the passed rotor.
+        """
         return float(self._solution((beyond + 0.5) * self.arc)[self._rotor + other])
 
 

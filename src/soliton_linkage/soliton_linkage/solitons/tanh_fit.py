@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Solitons in one frame of angles: their positions, velocities, widths and charges.
 
-The polarisation of a bond is the direction in which the zero mode grows across the bond. A wall is
+The polarisation of a bond has the sign of the direction in which the zero mode grows. A wall is
 detected where the polarisation changes its sign. The order field m_n of rotor n is +1 where the
 chain leans right and -1 where it leans left. The position X of a wall of charge Q follows from a
 fit of the function m_n = -Q tanh((n - X) / w) to the order field, where w is the width of a slow
@@ -24,15 +24,16 @@ from soliton_linkage.linear.rigidity import rigidity_bands
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 
 DOMAIN = 0.5
-"""A bond belongs to a domain, that is, not to a wall, if its absolute polarisation is above this
-[1]. In a uniform state, the absolute polarisation is 1."""
+"""Threshold of a domain: a bond belongs to a domain, and not to a wall, if its absolute
+polarisation exceeds this [1]. In a uniform state, the absolute polarisation is 1."""
 _FIT_ITERATIONS = 12
 """Largest number of Newton steps of a fit [1]."""
 _FIT_REACH = 4.0
-"""The fit includes rotors up to this distance from the wall [wall widths] plus one rotor spacing.
-Farther away, 1 - |tanh| is below 7e-4."""
+"""Largest distance from the wall at which rotors are included in the fit [wall widths]; one rotor
+spacing is added. At larger distances, 1 - |tanh| is below 7e-4."""
 WIDEST_LEAN_RATIO = 2.0
-"""Flippers with this lean ratio d or a larger one have no tanh profile, and no width [1]."""
+"""Smallest lean ratio d [1] of flippers whose walls do not have the profile tanh(x / w), so that
+the width w is not defined."""
 
 
 @dataclass(frozen=True)
@@ -64,8 +65,9 @@ class Soliton:
 def polarisation(chain: Chain, angles: Array) -> Array:
     """Return the polarisation of each bond [1], shape (..., springs).
 
-    It is the ratio (A^2 - B^2) / (A^2 + B^2) with the levers A and B, divided by the same ratio in
-    the right-leaning state, so that it is +1 in this and -1 in the left-leaning state.
+    The polarisation is the ratio (A^2 - B^2) / (A^2 + B^2) of the levers A and B, divided by the
+    value of this ratio in the right-leaning state. Therefore, it is +1 in the right-leaning state
+    and -1 in the left-leaning state.
     """
     first, second = rigidity_bands(chain, angles)
     plus, minus = couplings(chain)
@@ -187,7 +189,8 @@ class _TanhFit:
     def _velocity(self, rates: Array | None) -> tuple[float, float]:
         """Return the rate of the wall's centre and its standard deviation [rotor spacings / s].
 
-        The rate follows from the time derivative of the condition sum_n (m_n - f_n) df_n/dX = 0.
+        The rate follows from the time derivative of the condition sum_n (m_n - f_n) df_n/dX = 0,
+        where f_n is the fitted function.
         """
         if rates is None or len(self._rotors) < 2:
             return math.nan, math.nan
@@ -256,7 +259,10 @@ def _sech_squared(argument: ArrayLike) -> Array:
 
 
 def _deviation(residual: Array, parameters: int, information: float) -> float:
-    """Return the deviation of a parameter, whose element of J^T J is `information`, or NaN."""
+    """Return the standard deviation of a fitted parameter, or NaN if it is undetermined.
+
+    With the Jacobian J, 1 / `information` is the diagonal element of (J^T J)^-1 of the parameter.
+    """
     freedom = len(residual) - parameters
     if freedom < 1 or information <= 0:
         return math.nan
@@ -297,7 +303,7 @@ def topological_charge(chain: Chain, angles: ArrayLike) -> int:
 
 
 def half_turns(chain: Chain, angles: ArrayLike) -> int:
-    """Return the number of half turns by which the last rotor of a spinner leads the first.
+    """Return the number of half turns of the last rotor of a spinner relative to the first rotor.
 
     A wall of charge Q contributes Q if it turns its rotors in the positive sense of phi, otherwise
     -Q. Whole turns between neighbouring rotors do not count. Raises ValueError for a flipper.

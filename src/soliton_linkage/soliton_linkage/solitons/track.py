@@ -15,7 +15,8 @@ from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.solitons.tanh_fit import find_solitons
 
 _EDGE_PART = 0.2
-"""Fraction of the chain at each end, with reflections, that a crossing does not include [1]."""
+"""Length of the outer region at each end of the chain, in which walls are reflected, as a fraction
+of the chain [1]. A crossing does not include the outer regions."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +72,7 @@ class MeasuredWall(Protocol):
 
 
 def measured_track(chain: Chain, times: Array, walls: Sequence[Sequence[MeasuredWall]]) -> Track:
-    """Return the trajectories of the `walls` in each frame, at `times` [s], shape (T,)."""
+    """Return the trajectories of walls; `walls` contains the walls in the frame at each time."""
     rows = np.full((len(walls), 4), np.nan)
     others = np.full((max([1, *map(len, walls)]) - 1, len(walls)), np.nan)
     for frame, (row, found) in enumerate(zip(rows, walls, strict=True)):
@@ -95,7 +96,7 @@ def follow(chain: Chain, recording: Recording) -> Track:
 
 
 def find_crossings(chain: Chain, track: Track) -> tuple[Crossing, ...]:
-    """Return the passages from one outer fifth of the chain to the other, in the order of time."""
+    """Return the passages from one outer fifth of the chain to the other, sorted by time."""
     last = chain.number_of_rotors - 1
     side = np.zeros(len(track.times), dtype=np.int8)
     side[track.sites <= _EDGE_PART * last] = -1
