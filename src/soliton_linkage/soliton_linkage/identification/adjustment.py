@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Least-squares estimate of the lengths and encoder offsets with which all bonds close.
 
-A bond closes if the distance between the ends of its two rotors is its rest length; otherwise, the
-difference is the misclosure of the bond. A wall cannot pass a bond whose lengths violate one of
-two limits (see `_room`).
+The misclosure of a bond is the distance between the ends of its two rotors minus its rest length.
+The bond closes if the misclosure is 0. A wall cannot pass a bond whose lengths violate one of two
+limits (see `_room`).
 """
 
 from __future__ import annotations
@@ -38,7 +38,8 @@ linearisation of the misclosures causes errors of this size."""
 _CONVERGED = 0.05
 """The iteration has converged if the Mahalanobis length of a step is smaller than this [1]."""
 _TOLERANCE_CHANGE = 0.05
-"""The iteration continues while a step changes a tolerance by more than this fraction [1]."""
+"""The iteration continues while a step changes a prior standard deviation by more than this
+fraction [1]."""
 
 
 @dataclass(frozen=True)
@@ -146,7 +147,10 @@ def _cost(bundle: Bundle, prior: Array, noise: float) -> float:
 
 
 def observable_basis(lengths: Lengths) -> Array:
-    """Return an orthonormal basis of the changes that keep the mean spacing, (P, P - 1)."""
+    """Return an orthonormal basis of changes of the unknowns that keep the mean spacing.
+
+    The shape is (P, P - 1), for P unknowns.
+    """
     size = UNKNOWNS_PER_ROTOR * lengths.rotors - 2
     scale = np.zeros((size, 1))
     split(scale[:, 0])[2][:] = lengths.spacings
@@ -176,8 +180,8 @@ def _covariance(bundle: Bundle, basis: Array, tolerances: Tolerances) -> tuple[f
 
 
 _CHANCE = 3.0
-"""Threshold of the distance of a bond from a limit [standard deviations]. A bond is reported if it
-is closer to the limit; it is corrected if it violates the limit by a smaller distance."""
+"""A bond is reported if its distance from a limit is smaller than this, and corrected if it
+violates the limit by less than this [standard deviations of the distance]."""
 _MARGIN = 1e-3
 """After a correction, the distance of a bond from the limit is this times its spacing [1]."""
 _ROUNDS = 5
@@ -188,9 +192,9 @@ def passable(lengths: Lengths, covariance: Array) -> Lengths:
     """Return the most likely lengths with which no bond stops a wall (see `solitons.passage`).
 
     The correction of the unknowns p is dp = C G^T (G C G^T)^-1 s, with their covariance C, (P, P).
-    For each bond that violates a limit, s contains the correction of its distance (see `_room`)
-    that is necessary, and G contains the derivatives of this distance by p. If a bond violates a
-    limit by so much that noise cannot be the cause, it is not corrected.
+    For each bond that violates a limit, s contains the necessary change of the distance that
+    `_room` returns, and G contains the derivatives of this distance by p. If a bond violates a
+    limit by more than noise can cause, it is not corrected.
     """
     for _ in range(_ROUNDS):
         room, slopes = _room(lengths)

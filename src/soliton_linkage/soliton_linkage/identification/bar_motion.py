@@ -116,10 +116,8 @@ def move_along(
 ) -> None:
     """Compute the arc lengths of K motions along an orbit at T `times` [rad].
 
-    The results are stored in `arcs`, (T, K).
-
-    `begin`, (2, K), contains the initial arc lengths and speeds u. `drags`, (2, K), contains
-    damping and dry friction.
+    The results are stored in `arcs`, (T, K). `begin`, (2, K), contains the initial arc lengths and
+    speeds u. `drags`, (2, K), contains damping and dry friction.
 
     At G arc lengths, `roots`, (G, K), contains sqrt(I); `gravity`, (G, K), contains sum_n m_n r_n
     g sin(phi_n + tilt) t_n; and `friction`, (G,), contains sum_n |t_n|. `grid` contains the first
@@ -227,8 +225,9 @@ def bar_motion(
     """Estimate masses, drag and gravity from free motions; return None if this is not possible.
 
     The result is None if no free motion has enough frames, or if the residuals are so large that
-    other forces probably acted. `covariance` belongs to the unknowns of `lengths`, and `noise` is
-    the standard deviation of a reading [rad]. Gravity is estimated unless `gravity_known`.
+    other forces probably acted. `covariance` is the covariance of the unknowns of `lengths`, and
+    `noise` is the standard deviation of a reading [rad]. Gravity is estimated unless
+    `gravity_known`.
     """
     orbit = orbit_of(lengths.chain(Chain()))
     intervals = free_intervals(readings.times, readings.interruptions)

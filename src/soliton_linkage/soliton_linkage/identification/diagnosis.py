@@ -118,7 +118,7 @@ def length_warnings(chain: Chain) -> list[str]:
 
 
 def obstacle_warnings(chain: Chain, lengths: Lengths, covariance: Array) -> list[str]:
-    """Return warnings about bonds that may stop walls, and about bonds that almost do so."""
+    """Return warnings about bonds that may stop walls, and about bonds near this limit."""
     warnings = [
         f'bond {each.bond} may stop a soliton: its spring of {each.rest_length:.4g} m '
         f'{each.reason}'

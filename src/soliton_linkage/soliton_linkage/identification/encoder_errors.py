@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Score test (Rao, 1948) of errors of encoders: a wrong gain, play, and nonlinearity.
+"""Score test (Rao, 1948) for errors of encoders: a wrong gain, play, and nonlinearity.
 
 A fit assumes that a reading is y = o + phi. An encoder error of size g adds g s to the reading,
 where the shape s is a function of time that depends on the kind of error. For the gain, s is the
 angle phi. For play of the coupling, s is the lag of the encoder behind the rotor. A slip while the
 rotor turns has nearly the same shape as play. Nonlinearity, for example of an encoder disc that is
 not centred on the axis, is described by sin(phi), cos(phi), sin(2 phi) and cos(2 phi), together
-with the gain. With the normal equations A dp + B g = b of the unknowns p, and B^T dp + D g = c of
-the errors, the errors have the estimate g with the information S:
+with the gain. If the normal equations of the unknowns p are A dp + B g = b, and the normal
+equations of the errors are B^T dp + D g = c, then the estimated errors g and their information S
+are
 
     S = D - B^T A^-1 B,    g = S^-1 (c - B^T A^-1 b).
 

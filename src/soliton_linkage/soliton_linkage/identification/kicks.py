@@ -79,7 +79,7 @@ def fit_around_kicks(
 
 
 def _without(some: Readings, kicks: Sequence[float]) -> Readings:
-    """Return readings that are interrupted before and after each kick."""
+    """Return readings with unknown impulses before and after each kick."""
     around = [RecordedImpulse(time - before) for time in kicks for before in (_BEFORE_KICK, 0.0)]
     return replace(some, impulses=[*some.impulses, *around])
 

@@ -44,7 +44,7 @@ class Lengths:
         return len(self.rotor_lengths)
 
     def changed(self, change: Array) -> Lengths:
-        """Return lengths whose unknowns differ from those of these lengths by `change`, (P,).
+        """Return these lengths with `change`, (P,), added to the unknowns.
 
         If an element of `change` exceeds `_LONGEST_STEP`, the whole vector is scaled down.
         """
@@ -101,7 +101,7 @@ def split(unknowns: Array) -> tuple[Array, Array, Array, Array]:
 
 
 def split_lengths(unknowns: Array) -> dict[str, Array]:
-    """Return the result of `split` in a dictionary with the keys of `Deviations`, and `offset`."""
+    """Return the views of `split`; the keys are `offset` and field names of `Deviations`."""
     names = 'rotor_length', 'offset', 'spacing', 'rest_length'
     return dict(zip(names, split(unknowns), strict=True))
 
@@ -184,10 +184,9 @@ class Tolerances:
 
     @staticmethod
     def estimated(lengths: Lengths, covariance: Array, given: float | None) -> Tolerances:
-        """Return estimates from lengths and the covariance of their unknowns, (P, P).
+        """Return tolerances estimated from lengths and the covariance of their unknowns, (P, P).
 
-        If `given` [1] is not None, it replaces the estimated standard deviation of the log
-        lengths.
+        If `given` [1] is not None, it replaces the estimated tolerance of the lengths.
         """
         rotor, offset, spacing, rest = split(np.diag(covariance))
         squares = [

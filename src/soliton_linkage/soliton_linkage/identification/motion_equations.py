@@ -68,8 +68,8 @@ def solver(
 
     The function maps the right side of the equations to their solution. In both vectors, the
     unknowns of the chain precede those of the initial states. The unknowns of the chain change
-    only along the columns of `basis`. `information` is the information of the prior on the chain,
-    and `damping` is the relative increase of the diagonal (Levenberg-Marquardt) [1].
+    only along the columns of `basis`. `information` is the information matrix of the prior of the
+    chain, and `damping` is the relative increase of the diagonal (Levenberg-Marquardt) [1].
     """
     matrix = basis.T @ (information + np.sum([each.matrix for each in parts], axis=0)) @ basis
     matrix += damping * np.diag(np.diag(matrix))
@@ -112,7 +112,7 @@ class StampErrors(NamedTuple):
     """Errors of time stamps, with the variance v.
 
     Weighted readings and weighted rates are divided by the relative standard deviations of the
-    readings. In a frame with the weighted rates u, the errors of its stamp add v u u^T to the
+    readings. In a frame with the weighted rates u, the error of the stamp adds v u u^T to the
     covariance of the weighted readings.
     """
 

@@ -79,11 +79,11 @@ than this [rad]."""
 UNEXPLAINED = 1.5
 """A model matches readings if its residual noise is at most this times the reading noise [1]."""
 _SIGNIFICANT = 3.0
-"""Two values of squared noise differ significantly if by more than this [standard deviations]."""
+"""Differences of squared noise are significant if larger than this [standard deviations]."""
 _NOISE_SCATTER = 2.3
 """The squared noise of n readings has the relative standard deviation this / sqrt(n) [1]."""
 _MATRIX_FRAMES = 1000
-"""Approximate number of frames used for the matrices; the gradients use all frames."""
+"""Approximate number of frames used for matrices of normal equations; gradients use all frames."""
 _DAMPINGS = 12
 """Largest number of damping factors that are tried for one step [1]; each is four times the
 previous one, and the last one is about 100."""
@@ -116,7 +116,7 @@ class MotionFit:
     covariance: Array
     """Covariance of the Q - 2 N unknowns of the chain, without the 2 N of the initial state."""
     information: Array
-    """Information of the readings (not of the prior) about the same unknowns."""
+    """Information of the readings (not of the prior) about the unknowns of the chain."""
     basis: Array
     noise: float
     residuals: Array
@@ -297,7 +297,7 @@ class MotionFitter:
         return bool(found)
 
     def _squared_noise(self) -> float:
-        """Return the squared noise without errors along the rates, which a fit of bars ignores."""
+        """Return the squared noise without residuals along the rates, as for a fit of bars."""
         across = [self._record.across_rates(window) for window in self._windows]
         freedom = self._freedom() - self._motion.slices.forces.stop - sum(map(len, across))
         return float(sum(np.sum(each**2) for each in across) / max(freedom, 1.0))

@@ -14,8 +14,8 @@ symbols of `free_motion`:
     work, (8, N): accelerations phi'' and their derivatives by angles, rates and forces;
     direct, (5 N, 3): row k N + n contains the derivatives of phi'' of the rotors n - 1, n, n + 1
         by unknown k of rotor n, where k counts log r, log a, log l, log k and log m;
-    sources, (Q,): the row in direct of each unknown; otherwise NO_SOURCE for initial states,
-        UNMOVED for offsets, and BY_FORCE - k for unknown k of the forces.
+    sources, (Q,): the row in direct for a length, stiffness or mass; NO_SOURCE for an initial
+        angle or rate, UNMOVED for an offset, BY_FORCE - k for unknown k of the forces.
 """
 
 from __future__ import annotations

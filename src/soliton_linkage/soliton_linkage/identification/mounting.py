@@ -41,9 +41,9 @@ times the misfit with the recorded sign [1]."""
 _AS_GOOD = 1.25
 """This limit replaces `_BETTER` if a wall can pass the bond only with the opposite sign [1]."""
 _IMPASSABLE = 0.95
-"""A wall is assumed not to pass a bond if the squared length of the bond, divided by the smallest
-squared length that lets a wall pass, is below this [1]. The exact limit is 1, but noise changes
-the ratio by 0.03."""
+"""A bond is assumed to stop walls if its squared length, divided by the smallest squared length
+that lets a wall pass, is below this [1]. The exact limit is 1, but noise changes the ratio by
+0.03."""
 _MOST_NAMED = 4
 """Largest number of absent joints that a message names [1]."""
 _MOST_WRONG = 1 / 4

@@ -19,13 +19,13 @@ from soliton_linkage.linkage.chain import Array, Chain, staggered, wrapped
 
 RIGHT, DOUBTFUL, WRONG = 'right', 'doubtful', 'wrong'
 SMALLEST_TURN = 0.15
-"""Smallest rotation that counts as a turn by hand [rad]; encoder noise is far below."""
+"""Smallest rotation that counts as a turn by hand [rad]; encoder noise is far smaller."""
 _LARGEST_JITTER = 1e-3
 """Largest acceptable jitter of stamps [s]; at 10 rad/s, it acts like a noise of 0.01 rad."""
 _LARGEST_AGE = 0.5
 """Largest acceptable age of a frame at its arrival [s]."""
 _LARGEST_LEAD = 0.01
-"""Largest time by which a stamp may be in the future [s]; NTP clocks differ less."""
+"""Largest time by which a stamp may be in the future [s]; NTP clocks differ by less."""
 _LARGEST_SLOWNESS = 0.02
 """Largest acceptable relative error of the speed at which stamps advance [1]."""
 _LATE = 1.5
@@ -55,8 +55,7 @@ _EQUALLY_GOOD = 1.5
 """Other corrections are also reported if they leave a root mean square stretch smaller than this
 times the stretch that the best correction leaves [1]."""
 _MOST_AGAINST = 0.2
-"""A soliton can be at an edge only if at most this fraction of the rotors leans away from
-it [1]."""
+"""A soliton is at an edge only if at most this fraction of the rotors leans away from it [1]."""
 _MOST_FRAMES = 200
 """Largest number of frames from which the stretches are computed [1]."""
 _MOST_NAMED = 4
@@ -346,7 +345,7 @@ class _Bonds:
         self._rest = chain.rest_lengths[: chain.number_of_rotors - 1]
 
     def stretches(self, angles: Array, rotor_scale: float | Array = 1.0) -> Array:
-        """Return the median relative stretch of each bond over all frames [1], (N - 1,)."""
+        """Return the median stretch of each bond over all frames [1], (N - 1,)."""
         lengths = self._lengths * rotor_scale
         x = self._pivots + lengths * np.sin(angles)
         apart = np.hypot(np.diff(x, axis=1), np.diff(lengths * np.cos(angles), axis=1))

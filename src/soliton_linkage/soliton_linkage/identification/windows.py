@@ -144,8 +144,7 @@ _FRICTION_DECELERATION = 10.0
 _LOG_GRAVITY = 1.0
 """Prior standard deviation of the log of gravity [1], used only if the spacing is unknown."""
 _INFORMED = 1e-12
-"""Eigenvalues of the prior information are neglected below this fraction of the largest
-one [1]."""
+"""Eigenvalues of the prior information below this fraction of the largest are neglected [1]."""
 
 
 def force_deviations(inertia: float) -> Array:
