@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recording, playback, reading and recovery of bags, with any topics."""
+"""Recording, playback, reading and recovery of bags. A bag may contain any topics."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reader of whole bags, which may consist of several files."""
+"""Reader of bags. A bag may consist of several files."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ _Received: TypeAlias = tuple[StoredTopic, int, bytes]
 _READERS: dict[str, type[_File]] = {'mcap': IndexedMcap, 'sqlite3': StoredSqlite}
 _MODES = ('', 'none', 'file', 'message', 'storage')
 _MOST_FILES = 10_000
-"""Largest accepted number of files of a bag [1]. One file per ten seconds gives 8640 per day."""
+"""Largest accepted number of files of a bag [1]. One file every 10 s gives 8640 files per day."""
 
 
 class BagReader:
     """Reader of a bag directory or of one file of a bag.
 
-    `topics` lists the topics, in which MCAP channels with the same topic name, type and encoding
-    count as one. If the files lack the QoS profiles or the type hash of a topic, these are taken
-    from metadata.yaml. `counts` maps the topics to their numbers of messages. The first message
-    was received at `start_time`, and the last one before `end_time` [ns].
+    `topics` lists the topics. MCAP channels with the same topic name, type and encoding are one
+    topic. If the files lack the QoS profiles or the type hash of a topic, metadata.yaml supplies
+    them. `counts` maps the topics to their numbers of messages. All messages were received in the
+    interval [`start_time`, `end_time`) [ns].
     """
 
     def __init__(self, path: Path, limits: BagLimits) -> None:
-        """Open the bag. Raises various errors if it is damaged or exceeds the limits."""
+        """Open the bag. Raises errors of several types if the bag is damaged or too large."""
         self.path = path
         self._limits = limits
         self._files: list[_File] = []
@@ -52,16 +52,16 @@ class BagReader:
 
     @property
     def message_count(self) -> int:
-        """Number of messages of all topics."""
+        """Total number of messages of all topics."""
         return sum(self.counts.values())
 
     def messages(
         self, topics: Collection[StoredTopic], start: int | None = None, stop: int | None = None
     ) -> Iterator[_Received]:
-        """Yield topic, receive time [ns] and bytes of messages; ValueError if the bag is damaged.
+        """Yield topic, receive time [ns] and bytes of each message in the interval [start, stop).
 
-        The messages are in the order of their receive times, which lie in the interval
-        [start, stop).
+        The messages are in the order of their receive times. Raises ValueError if the bag is
+        damaged.
         """
         try:
             yield from self._messages({each.key: each for each in topics}, start, stop)
@@ -97,7 +97,7 @@ class BagReader:
         together: list[_File] = []
         last = -1
         spanned = [(*each.span, each) for each in self._files if each.span]
-        # Files that overlap in time are read together, all other files one after another.
+        # Merge files that overlap in time. Read all other files one after another.
         for start, end, file in sorted(spanned, key=itemgetter(0)):
             if start > last:
                 yield from self._in_order(together, wanted, *span)
@@ -167,7 +167,7 @@ def _file_in(folder: Path, name: str) -> Path:
 
 def _completed(topic: StoredTopic, number: int, listed: Mapping[str, Any]) -> StoredTopic:
     profiles = listed.get('offered_qos_profiles', '')
-    # JSON is YAML, and is serialised faster.
+    # Write JSON, because every JSON text is YAML and because writing YAML takes longer.
     text = profiles if isinstance(profiles, str) else json.dumps(profiles, default=str)
     digest = topic.digest or str(listed.get('type_description_hash', ''))
     return replace(topic, number=number, digest=digest, profiles=topic.profiles or text)
@@ -195,7 +195,7 @@ def _checked_metadata(path: Path) -> tuple[Mapping[str, Any], list[str], str]:
 
 
 def topics_in(information: Mapping[str, Any]) -> dict[tuple[str, str], Mapping[str, Any]]:
-    """Return the metadata of each topic in metadata.yaml, with its name and type as key."""
+    """Return the metadata of the topics in metadata.yaml. The keys are topic name and type."""
     entries = information.get('topics_with_message_count')
     topics: dict[tuple[str, str], Mapping[str, Any]] = {}
     for entry in entries if isinstance(entries, list) else []:

@@ -22,13 +22,13 @@ from soliton_linkage.linkage.quantities import quantity
 _MEBIBYTE = 2**20
 """Size of 1 MiB [B]."""
 _LARGEST_RATIO = 25
-"""A file may decompress to this number times its size [1], even above `max_unpacked_file`. Bags of
-a chain at rest decompress to 10 times their size."""
+"""Accepted ratio of decompressed to compressed size of a file [1], even if the decompressed file
+exceeds `max_unpacked_file`. The ratio is 10 in bags of a chain at rest."""
 
 
 @dataclass(frozen=True)
 class BagLimits:
-    """Size limits: readers reject a bag above a limit, and recovery omits the data above it."""
+    """Size limits. Readers reject a bag that exceeds a limit. Recovery omits the excess data."""
 
     max_unpacked: int = quantity(
         64 * _MEBIBYTE, 'largest decompressed size of a message or chunk', 'B', 1024, 2**31
@@ -42,7 +42,7 @@ class BagLimits:
     )
 
     def for_file(self, size: int) -> int:
-        """Return the largest accepted size after decompression [B] of a file with `size` bytes."""
+        """Return the largest accepted decompressed size of a file with `size` bytes [B]."""
         return max(self.max_unpacked_file, _LARGEST_RATIO * size)
 
 
@@ -51,9 +51,9 @@ PACKED = '.zstd'
 
 
 def decompress_file(packed: Path, folder: str, limits: BagLimits) -> tuple[Path, str | None]:
-    """Decompress a zstd file into a folder, up to the first damage or to the size limit.
+    """Decompress a zstd file into a folder, up to the first damage or up to the size limit.
 
-    Returns the path of the new file, and a text about the damage or the exceeded limit, or None.
+    Returns the path of the new file and None, or its path and the reason why it is incomplete.
     """
     plain, data = Path(folder, packed.stem), map_file(packed)
     most = limits.for_file(len(data))
@@ -71,8 +71,8 @@ def decompress_file(packed: Path, folder: str, limits: BagLimits) -> tuple[Path,
 
 ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
 _BLOCK_IN = 4096
-"""Bytes that a decompressor receives in one call [B]. The number is small, because the whole
-output of a call is lost if one of these bytes is damaged."""
+"""Size of the data that a decompressor receives in one call [B]. It is small, because one damaged
+byte causes the loss of the whole output of the call."""
 _BLOCK_OUT = 2**20
 """Largest number of bytes that a decompressor returns in one call [B]."""
 
@@ -80,7 +80,10 @@ _BLOCK_OUT = 2**20
 def decompressed_blocks(
     packed: bytes | bytearray | memoryview, codec: str, whole: bool = False
 ) -> Iterator[bytes]:
-    """Yield the content of zstd or lz4 data; ValueError if damaged or, with `whole`, truncated."""
+    """Yield the content of zstd or lz4 data in blocks.
+
+    Raises ValueError if the data is damaged or if, with `whole`, it is truncated.
+    """
     packed = memoryview(packed)
     begin, decompressor, at_end = 0, _decompressor(codec), False
     while begin < len(packed):
@@ -103,7 +106,10 @@ def decompressed_blocks(
 
 
 def decompress_prefix(packed: bytes | bytearray | memoryview, codec: str, most: int) -> bytearray:
-    """Return the data up to the first damage, cut to `most` + 1 bytes to show an excess."""
+    """Return the decompressed data up to the first damage, but at most `most` + 1 bytes.
+
+    A result of `most` + 1 bytes shows that the data exceeds `most` bytes.
+    """
     out = bytearray()
     try:
         for block in decompressed_blocks(packed, codec):
@@ -117,7 +123,10 @@ def decompress_prefix(packed: bytes | bytearray | memoryview, codec: str, most: 
 
 
 def decompressed_message(data: bytes, most: int) -> bytes:
-    """Return a message, decompressed if packed; ValueError if damaged or above `most` bytes."""
+    """Return a message. If the message is compressed, decompress it.
+
+    Raises ValueError if the compressed data is damaged or if its content exceeds `most` bytes.
+    """
     if not data.startswith(ZSTD_MAGIC):
         return data
     out = bytearray()
@@ -133,7 +142,10 @@ def _decompressor(codec: str) -> Any:
 
 
 def regular_file(path: Path, folder: Path | None = None) -> Path:
-    """Return the resolved path; ValueError if it is no regular file or is outside of `folder`."""
+    """Return the path with all links resolved.
+
+    Raises ValueError if the path is not a regular file or is outside of `folder`.
+    """
     resolved = path.resolve(strict=True)
     if folder is not None and not resolved.is_relative_to(folder.resolve()):
         raise ValueError(
@@ -148,10 +160,10 @@ def regular_file(path: Path, folder: Path | None = None) -> Path:
 
 
 def open_file(path: Path, folder: Path | None = None) -> BinaryIO:
-    """Open a regular file for reading. It raises the same errors as `regular_file`."""
+    """Open a regular file for reading. Raises the same errors as `regular_file`."""
     resolved = regular_file(path, folder)
-    # The file may have been replaced after the check. These flags prevent blocking on a pipe and
-    # following a link.
+    # The file may have been replaced after the check. With these flags the call neither blocks on
+    # a pipe nor follows a link.
     flags = os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK | os.O_NOFOLLOW
     file = os.fdopen(os.open(resolved, flags), 'rb')
     if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
@@ -161,7 +173,7 @@ def open_file(path: Path, folder: Path | None = None) -> BinaryIO:
 
 
 def read_file(path: Path, folder: Path | None, most: int) -> bytes:
-    """Return the content of a regular file; ValueError if it has more than `most` bytes."""
+    """Return the content of a regular file. Raises ValueError if it exceeds `most` bytes."""
     with open_file(path, folder) as file:
         content = file.read(most + 1)
     if len(content) > most:
@@ -170,7 +182,7 @@ def read_file(path: Path, folder: Path | None, most: int) -> bytes:
 
 
 def map_file(path: Path) -> memoryview:
-    """Return the content of a regular file, which is mapped into memory."""
+    """Map a regular file into memory, and return its content."""
     with open_file(path) as file:
         if not file.seek(0, 2):
             return memoryview(b'')
@@ -178,26 +190,31 @@ def map_file(path: Path) -> memoryview:
 
 
 def release_pages(data: memoryview | mmap.mmap) -> None:
-    """Release the memory of a mapped file. The system reads the file again on the next access."""
+    """Release the memory of a mapped file. On the next access the system reads the file again."""
     whole = data.obj if isinstance(data, memoryview) else data
     if isinstance(whole, mmap.mmap):
         whole.madvise(mmap.MADV_DONTNEED)
 
 
 MAX_TEXT_SIZE = 4 * 2**20
-"""Longest text that is parsed [characters]. A parser needs 100 times the memory of the text."""
+"""Longest text that is parsed [characters]. A parser needs 100 times the memory of its text."""
 _DEEPEST = 30
 """Largest accepted nesting depth of lists and mappings [1]. Files of rosbag2 have 6 levels."""
 _LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 _OPENING = (yaml.SequenceStartEvent, yaml.MappingStartEvent)
 _CLOSING = (yaml.SequenceEndEvent, yaml.MappingEndEvent)
 _LONG_NUMBER = re.compile(r'[-+]?\d[\d_:.]{99,}')
-"""Numbers of 100 or more characters. They are rejected, because their conversion may be slow."""
+"""Pattern of numbers with 100 or more characters. They are rejected, because their conversion may
+be slow."""
 _JSON_TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|[\[{]|[\]}]', re.DOTALL)
 
 
 def load_yaml(text: str) -> Any:
-    """Parse YAML; ValueError if invalid, too long or deep, or with aliases or long numbers."""
+    """Parse a YAML text.
+
+    Raises ValueError if the text is invalid, too long or nested too deeply, or if it contains
+    aliases or long numbers.
+    """
     _check_size(text)
     try:
         depth = 0
@@ -215,7 +232,7 @@ def load_yaml(text: str) -> Any:
 
 
 def load_json(text: str) -> Any:
-    """Parse a JSON text; ValueError if it is invalid, too long or nested too deeply."""
+    """Parse a JSON text. Raises ValueError if it is invalid, too long or nested too deeply."""
     _check_size(text)
     depth = 0
     for token in _JSON_TOKEN.finditer(text):
@@ -225,7 +242,7 @@ def load_json(text: str) -> Any:
 
 
 def parse_count(value: object) -> int:
-    """Return an integer from 0 to 2^63 - 1, given as number or text; 0 for any other value."""
+    """Return a number or its text as an integer. If it is not from 0 to 2^63 - 1, return 0."""
     number = int(value) if isinstance(value, str) and re.fullmatch(r'\d{1,18}', value) else value
     valid = isinstance(number, int) and not isinstance(number, bool) and 0 <= number < 2**63
     return number if valid and isinstance(number, int) else 0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reading and writing of metadata.yaml, version 9, as in the rosbag2 of ROS 2 Jazzy."""
+"""Reading and writing of metadata.yaml in version 9, the version of rosbag2 in ROS 2 Jazzy."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ METADATA_FILE: Final = 'metadata.yaml'
 _KEY: Final = 'rosbag2_bagfile_information'
 _TOPICS: Final = 'topics_with_message_count'
 GAPS: Final = 'gaps'
-"""Key of the custom data for the list of starts and ends [ns] of the intervals not recorded."""
+"""Key in the custom data under which the intervals without recording are listed."""
 _DUMPER: Any = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
 
 
 @dataclass(frozen=True)
 class StoredFile:
-    """File of a bag, with its number of messages and its first and last receive time [ns]."""
+    """File of a bag: name, number of messages, first and last receive time [ns]."""
 
     name: str
     messages: int
@@ -41,13 +41,13 @@ class StoredFile:
 
 
 def storage_of(path: Path) -> str | None:
-    """Return the storage format of a (compressed) file, None if its suffix is unknown."""
+    """Return the storage format of a file, also of a compressed one; None if it is unknown."""
     plain = Path(path.stem) if path.suffix == guards.PACKED else path
     return next((name for name, suffix in SUFFIXES.items() if suffix == plain.suffix), None)
 
 
 def explain_no_bag(path: Path) -> str:
-    """Return an error message if there is no bag of rosbag2 at a path, otherwise ''."""
+    """Return '' if a path is a bag of rosbag2. Otherwise return the error message."""
     bag = f'bag {str(path)!r}'
     if not path.exists():
         return f'{bag} does not exist; give the path of a bag directory'
@@ -74,12 +74,15 @@ def suite_version() -> str:
 def bag_information(
     topics: Mapping[StoredTopic, int], files: Sequence[StoredFile], custom_data: Mapping[str, str]
 ) -> dict[str, Any]:
-    """Return the content of metadata.yaml for an MCAP bag, given the message count per topic."""
+    """Return the content of metadata.yaml for an MCAP bag.
+
+    `topics` maps the topics to their numbers of messages.
+    """
     filled = [file for file in files if file.messages] or list(files)
     start = min(file.start for file in filled)
     listed: dict[tuple[str, str, str], tuple[StoredTopic, int]] = {}
     for topic, count in topics.items():
-        # Channels with the same topic name, type and encoding are listed once, as in rosbag2.
+        # List channels with the same topic name, type and encoding as one topic, as rosbag2 does.
         key = (topic.name, topic.type_name, topic.serialization)
         first, counted = listed.get(key, (topic, 0))
         listed[key] = (first, counted + count)
@@ -108,12 +111,12 @@ def bag_information(
 
 
 def as_text(information: Mapping[str, Any]) -> str:
-    """Return the metadata as a YAML text. Each file of a bag also contains this text."""
+    """Return the metadata as YAML text. Each file of a bag also contains this text."""
     return ''.join(_pieces(information, ''))
 
 
 def write_metadata(folder: Path, information: Mapping[str, Any]) -> None:
-    """Write metadata.yaml in such a way that a reader never finds an incomplete file."""
+    """Write metadata.yaml in one step, so that no reader finds an incomplete file."""
     text = ''.join([f'{_KEY}:\n', *_pieces(information, '  ')])
     unfinished = folder / f'{METADATA_FILE}.unfinished'
     unfinished.write_text(text, encoding='utf-8')
@@ -121,7 +124,7 @@ def write_metadata(folder: Path, information: Mapping[str, Any]) -> None:
 
 
 def load_metadata(folder: Path) -> dict[str, Any]:
-    """Return the content of metadata.yaml; ValueError if it is invalid."""
+    """Return the content of metadata.yaml. Raises ValueError if the content is invalid."""
     content = guards.read_file(folder / METADATA_FILE, folder, guards.MAX_TEXT_SIZE)
     loaded = guards.load_yaml(content.decode())
     information = loaded.get(_KEY) if isinstance(loaded, dict) else None
@@ -139,7 +142,7 @@ def read_metadata(folder: Path) -> dict[str, Any] | None:
 
 
 def custom_data_of(metadata: str) -> dict[str, str]:
-    """Return the custom data in a YAML text of metadata, {} if the text is invalid."""
+    """Return the custom data in the YAML text of metadata; {} if the text is invalid."""
     try:
         return custom_data_in(guards.load_yaml(metadata))
     except ValueError:
@@ -147,14 +150,14 @@ def custom_data_of(metadata: str) -> dict[str, str]:
 
 
 def custom_data_in(information: object) -> dict[str, str]:
-    """Return the custom data in parsed metadata, with numbers converted to texts."""
+    """Return the custom data in parsed metadata. Numbers are converted to texts."""
     custom = information.get('custom_data') if isinstance(information, dict) else None
     items = custom.items() if isinstance(custom, dict) else ()
     return {str(key): str(value) for key, value in items if isinstance(value, (str, int, float))}
 
 
 def gaps_in(custom_data: Mapping[str, str]) -> list[tuple[int, int]]:
-    """Return start and end [ns] of each interval without recording, [] if the list is invalid."""
+    """Return start and end of each interval without recording [ns]; [] if the data is invalid."""
     try:
         gaps = guards.load_json(custom_data.get(GAPS, '[]'))
         return [(guards.parse_count(start), guards.parse_count(end)) for start, end in gaps]
@@ -163,13 +166,13 @@ def gaps_in(custom_data: Mapping[str, str]) -> list[tuple[int, int]]:
 
 
 def time_in_gaps(gaps: Sequence[tuple[int, int]], start: int, end: int) -> int:
-    """Return the total time in `gaps` between `start` and `end` [ns]."""
+    """Return the total duration of the gaps between `start` and `end` [ns]."""
     found = sum(max(0, min(end, last) - max(start, first)) for first, last in gaps)
     return max(0, min(found, end - start))
 
 
 def _pieces(information: Mapping[str, Any], margin: str) -> Iterator[str]:
-    """Yield YAML text. It formats topics itself, because the YAML library is slow for many."""
+    """Yield YAML text. The YAML library is not used for topics, because it is slow."""
     for key, value in information.items():
         if key == _TOPICS:
             yield f'{margin}{key}:\n' if value else f'{margin}{key}: []\n'

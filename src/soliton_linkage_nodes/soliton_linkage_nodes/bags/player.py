@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bag player, which publishes the messages of a bag at the recorded intervals."""
+"""Bag player. It publishes the messages of a bag at the recorded intervals."""
 
 from __future__ import annotations
 
@@ -36,16 +36,20 @@ from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 
 _POLL_INTERVAL = 0.1
-"""The thread waits at most this long for a key before it checks whether it was stopped [s]."""
+"""Interval at which the keyboard thread checks whether it must stop [s]."""
 _MOST_READ = 64
-"""Most bytes that one read of the terminal returns [B]. A user types fewer in a poll interval."""
+"""Largest number of bytes that one read of the terminal returns [B]. A user types fewer keys in a
+poll interval."""
 SPACE = ' '
 UP, DOWN, RIGHT = '\x1b[A', '\x1b[B', '\x1b[C'
 _KEY = re.compile(r'\x1b\[.?|.', re.DOTALL)
 
 
 class Keyboard:
-    """Thread that calls `press` with each key pressed in the terminal, if there is a terminal."""
+    """Thread that calls `press` with each key that is pressed in the terminal.
+
+    Without a terminal, no thread is started.
+    """
 
     def __init__(self, press: Callable[[str], object]) -> None:
         self._press = press
@@ -54,8 +58,7 @@ class Keyboard:
         if not (sys.stdin and sys.stdin.isatty()):
             return
         self._terminal = sys.stdin.fileno()
-        # A background process must not change the terminal settings. Otherwise the system would
-        # stop this process.
+        # The system stops a background process that changes the settings of the terminal.
         if os.tcgetpgrp(self._terminal) != os.getpgrp():
             return
         self._before = termios.tcgetattr(self._terminal)
@@ -65,7 +68,7 @@ class Keyboard:
 
     @property
     def taken(self) -> bool:
-        """Whether the thread was started and reads keys."""
+        """Whether the thread reads keys."""
         return self._thread is not None
 
     def close(self) -> None:
@@ -87,23 +90,23 @@ class Keyboard:
 
 
 _FASTER = 1.1
-"""Each press of the key for faster (slower) multiplies (divides) the playback rate by this [1]."""
+"""Factor by which one press of a key increases or decreases the playback rate [1]."""
 _HELP = 'space: pause; right: next message; up, down: faster, slower'
 
 
 class BagPlayer(ManagedNode):
     """Node that publishes the messages of a bag at the intervals of their receive times.
 
-    Before the first message, it publishes the last latched messages from before the start, and
-    waits for subscribers of the topics in `wait_for`. In lockstep, a frame waits until the
-    analyser has answered earlier frames. Recorded analyser states are not published in lockstep.
-    Without lockstep, they are not published while an analyser runs, unless `topics` names them.
-    Times in which the recorder was paused are skipped. At the end of the bag the node ends, unless
-    the playback is paused or `stay` is set.
+    First, the node publishes the last latched messages from before the start, and it waits for
+    subscribers of the topics in `wait_for`. In lockstep, a frame waits until the analyser has
+    answered earlier frames, and recorded soliton states are not published. Without lockstep,
+    recorded states are not published while an analyser runs, unless `topics` names them. The
+    player skips the times in which the recorder was paused. At the end of the bag the node ends,
+    unless the playback is paused or `stay` is set.
 
-    Publishes the topics of the bag, `/diagnostics` and, with `publish_clock`, `/clock`. Serves
-    `~/pause`, `~/resume`, `~/toggle_paused`, `~/is_paused`, `~/play_next`, `~/burst`, `~/seek`,
-    `~/play`, `~/stop`, `~/set_rate` and `~/get_rate`, as in rosbag2.
+    The node publishes the topics of the bag, `/diagnostics` and, with `publish_clock`, `/clock`.
+    It serves `~/pause`, `~/resume`, `~/toggle_paused`, `~/is_paused`, `~/play_next`, `~/burst`,
+    `~/seek`, `~/play`, `~/stop`, `~/set_rate` and `~/get_rate`, as in rosbag2.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {
@@ -113,7 +116,7 @@ class BagPlayer(ManagedNode):
     }
 
     def configure(self) -> None:
-        """Open the bag and create the publishers."""
+        """Open the bag, and create the publishers and services."""
         self._settings = settings = current(self, BagPlayerParameters)
         limits = current(self, BagLimits)
         if not settings.bag:
@@ -147,7 +150,7 @@ class BagPlayer(ManagedNode):
         self._begun = False
 
     def activate(self) -> None:
-        """Start playing the bag, or resume it."""
+        """Start or resume the playback."""
         if not self._begun:
             self._begun = True
             self._playing.play(self._range)
@@ -160,7 +163,7 @@ class BagPlayer(ManagedNode):
         self._playback.pause()
 
     def cleanup(self) -> None:
-        """Stop playing and restore the terminal."""
+        """Stop the playback, and restore the settings of the terminal."""
         self._playing.stop()
         self._keyboard.close()
 
@@ -171,7 +174,7 @@ class BagPlayer(ManagedNode):
 
     @property
     def failure(self) -> Exception | None:
-        """Error that ended the playback, or None."""
+        """Error that ended the playback, or None if no error has occurred."""
         return self._playing.failure if self.configured else None
 
     def _topics_to_wait_for(self, reader: BagReader) -> list[str]:

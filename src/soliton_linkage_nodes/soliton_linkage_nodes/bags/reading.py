@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reading of bags on machines with and without rosbag2: topics, and their decoded messages."""
+"""Reading of the topics and messages of bags. rosbag2 need not be installed."""
 
 from __future__ import annotations
 
@@ -22,7 +22,10 @@ from soliton_linkage_nodes.bags.stored_topic import CDR, StoredTopic, type_defin
 
 
 def open_bag(path: Path, limits: BagLimits = DEFAULT_LIMITS) -> closing[BagReader]:
-    """Return a context with the reader of a bag; ValueError if it is missing or unreadable."""
+    """Return a context manager with the reader of a bag.
+
+    Raises ValueError if the bag does not exist or cannot be read.
+    """
     if complaint := explain_no_bag(path):
         raise ValueError(complaint)
     if path.is_dir() and not (path / METADATA_FILE).exists():
@@ -42,7 +45,10 @@ def open_bag(path: Path, limits: BagLimits = DEFAULT_LIMITS) -> closing[BagReade
 
 
 def latched_before(reader: BagReader, topic: StoredTopic, stop: int) -> list[bytes]:
-    """Return the messages that a late subscriber of a latched topic receives at `stop` [ns]."""
+    """Return the messages that a subscriber of a latched topic receives if it starts at `stop`.
+
+    `stop` is a receive time in the bag [ns].
+    """
     earlier = reader.messages([topic], None, stop)
     return list(deque((data for _, _, data in earlier), maxlen=topic.latched_depth))
 
@@ -51,10 +57,10 @@ _RECORD = 'record it with bag_recorder'
 
 
 def find_topic(reader: BagReader, name: str, remedy: str = _RECORD) -> StoredTopic:
-    """Return the topic `name` or, if there is none, the topic whose name has the same last part.
+    """Return the topic `name`. Without such a topic, compare only the names after the last '/'.
 
     Raises ValueError if no topic or several topics match, or if the topic has several types or is
-    not in CDR. The error about a missing topic ends with `remedy`.
+    not encoded in CDR. The error about a missing topic ends with `remedy`.
     """
     found = types_of_topic(reader, name, remedy)
     bag = f'bag {str(reader.path)!r}'
@@ -70,7 +76,7 @@ def find_topic(reader: BagReader, name: str, remedy: str = _RECORD) -> StoredTop
 
 
 def types_of_topic(reader: BagReader, name: str, remedy: str = _RECORD) -> list[StoredTopic]:
-    """Return an entry for each type and encoding of a topic, which is found as in `find_topic`."""
+    """Return one entry for each type and encoding of a topic. `find_topic` explains the names."""
     wanted = name.rpartition('/')[2]
     found = [each for each in reader.topics if each.name == name] or [
         each for each in reader.topics if each.name.rpartition('/')[2] == wanted
@@ -90,7 +96,7 @@ def types_of_topic(reader: BagReader, name: str, remedy: str = _RECORD) -> list[
 
 
 def read_topic(reader: BagReader, name: str, remedy: str = _RECORD) -> Iterator[tuple[int, Any]]:
-    """Yield receive time [ns] and content of the messages of a topic, found as in `find_topic`."""
+    """Yield receive time [ns] and content of the messages on the topic that `find_topic` finds."""
     topic = find_topic(reader, name, remedy)
     decode = decoder(topic)
     for _, stamp, serialized in reader.messages([topic]):
@@ -98,11 +104,12 @@ def read_topic(reader: BagReader, name: str, remedy: str = _RECORD) -> Iterator[
 
 
 def decoder(topic: StoredTopic) -> Callable[[bytes], Any]:
-    """Return a function that converts serialized messages of a topic to its installed type.
+    """Return a function that decodes the serialized messages of a topic.
 
-    If the messages were recorded with another definition of the type, fields with equal names are
-    copied. Raises ValueError if the type is not installed or the encoding is not CDR. The returned
-    function raises ValueError if a message is damaged.
+    If the messages were recorded with another definition of their type, the function copies the
+    fields that have equal names in the installed type. It raises ValueError if a message is
+    damaged. `decoder` itself raises ValueError if the type is not installed or the encoding is not
+    CDR.
     """
     message_type = class_of(topic)
     if is_older(topic):
@@ -118,7 +125,10 @@ def decoder(topic: StoredTopic) -> Callable[[bytes], Any]:
 
 
 def class_of(topic: StoredTopic) -> Any:
-    """Return the message class of a topic; ValueError if it is not installed or not in CDR."""
+    """Return the message class of a topic.
+
+    Raises ValueError if the class is not installed or the encoding is not CDR.
+    """
     if topic.serialization != CDR:
         raise ValueError(_other_encoding(topic))
     return message_class(topic.type_name)
@@ -132,7 +142,10 @@ _KINDS = ('msg', 'srv', 'action')
 
 
 def message_class(type_name: str) -> Any:
-    """Return the class of a type like 'sensor_msgs/msg/JointState'; ValueError if unknown."""
+    """Return the class of a message type, for example 'sensor_msgs/msg/JointState'.
+
+    Raises ValueError if the type is not installed.
+    """
     try:
         package, kind, name = type_name.split('/')
     except ValueError:
@@ -153,7 +166,7 @@ def message_class(type_name: str) -> Any:
 
 
 def _has_types(package: str, kind: str) -> bool:
-    """Search a package for types without importing it: an untrusted bag may name any package."""
+    """Search a package without importing it, because an untrusted bag may name any package."""
     if f'{package}.{kind}' in sys.modules:
         return True
     found = PathFinder.find_spec(package) if package.isidentifier() else None
@@ -162,19 +175,19 @@ def _has_types(package: str, kind: str) -> bool:
 
 
 def type_name(message_type: Any) -> str:
-    """Return the type name of a message class, such as 'sensor_msgs/msg/JointState'."""
+    """Return the type name of a message class, for example 'sensor_msgs/msg/JointState'."""
     return f'{message_type.__module__.partition(".")[0]}/msg/{message_type.__name__}'
 
 
 _LONGER, _MARGIN = 4, 4096
-"""A recorded definition is rejected if it is longer than `_LONGER` [1] times the installed
-definition plus `_MARGIN` [characters]."""
+"""The largest accepted length of a recorded definition [characters] is `_LONGER` [1] times the
+length of the installed definition plus `_MARGIN` [characters]."""
 _LONGEST_REASON = 200
-"""Error texts are cut to this length [characters], because they may quote the whole input."""
+"""Length to which error texts are cut [characters]. They may quote the whole input."""
 
 
 def is_older(topic: StoredTopic) -> bool:
-    """Return whether a topic was recorded with another definition than the installed one."""
+    """Return whether the recorded definition of a topic differs from the installed definition."""
     if not topic.digest or topic.definition_format != 'ros2msg':
         return False
     try:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bag recorder, which by default stores all messages of the suite in a bag."""
+"""Bag recorder. By default it stores the messages on all topics of this software in a bag."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from soliton_linkage_nodes.runtime.parameters import current
 from soliton_linkage_nodes.runtime.process import run
 
 _LAST_STAMP = 2.0**31
-"""Upper limit of the time in ROS stamps [s]."""
+"""Largest time that a ROS stamp can hold [s]."""
 
 
 @dataclass(frozen=True)
 class BagRecorderParameters:
-    """Parameters of the recorder."""
+    """Parameters of the bag recorder."""
 
     output: str = quantity(
         '', 'path of the bag; _0, _1, ... is appended; empty: named by date and time'
@@ -57,8 +57,8 @@ class BagRecorderParameters:
 class BagRecorder(ManagedNode):
     """Node that stores serialized messages with their receive times in a bag.
 
-    Subscribes to the topics that it records. Publishes `/diagnostics`. Serves `~/pause`,
-    `~/resume`, `~/is_paused`, `~/split_bagfile` and `~/snapshot`, as in rosbag2.
+    The node subscribes to the topics that it records, and publishes `/diagnostics`. It serves
+    `~/pause`, `~/resume`, `~/is_paused`, `~/split_bagfile` and `~/snapshot`, as in rosbag2.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {BagRecorderParameters: '', ManagedParameters: ''}
@@ -101,14 +101,14 @@ class BagRecorder(ManagedNode):
             self._receiving.resume()
 
     def deactivate(self) -> None:
-        """Stop recording, and write all messages that have been received."""
+        """Stop recording, and write all received messages."""
         self._receiving.settle()
         self._receiving.pause()
         self._bag.flush()
 
     @property
     def lost(self) -> int:
-        """Number of messages that were published while recording but are not in the bag."""
+        """Number of messages that were published during the recording but are not in the bag."""
         return sum(self._receiving.losses.values())
 
     @property
@@ -123,13 +123,13 @@ class BagRecorder(ManagedNode):
 
     @property
     def failure(self) -> Exception | None:
-        """Error that ended the recording, or None."""
+        """Error that ended the recording, or None if no error has occurred."""
         if not self.configured:
             return None
         return self._receiving.failure or self._bag.failure
 
     def cleanup(self) -> None:
-        """Write the remaining messages, finish the bag, and raise the error of a failure."""
+        """Write the remaining messages and finish the bag. Raise the error if writing failed."""
         self._bag.close(self._receiving.stop())
         self._inbox.destroy_node()
         path = self._bag.writer.path

@@ -26,11 +26,12 @@ _SHOW_EVERY = 1000
 """Number of messages between two calls of the progress function `show` [1]."""
 
 Show = Callable[[int, int], None]
-"""Function that shows how many messages are read and how many are expected (0: unknown)."""
+"""Function that shows the progress from the number of read messages and the expected number. The
+expected number is 0 if it is unknown."""
 
 
 def recovered_file(path: Path, storage: str, doubtful: bool, limits: BagLimits) -> RecoveredFile:
-    """Open a file for recovery. With `doubtful`, wrong checksums of messages are ignored."""
+    """Open a file for recovery. If `doubtful` is set, wrong checksums of messages are ignored."""
     kind = RecoveredMcap if storage == MCAP else RecoveredSqlite
     return kind(path, doubtful, limits)
 
@@ -39,9 +40,9 @@ def recovered_file(path: Path, storage: str, doubtful: bool, limits: BagLimits) 
 class BagReport:
     """Content and damage of a bag.
 
-    `counts` maps each topic to the number of its messages. `start` and `end` are the first and the
-    last receive time [ns]. `notes` describe irregularities that are no damage. `lost` is the
-    number of messages that cannot be read, and `unverified` the number of messages without a
+    `counts` maps the topics to their numbers of messages. `start` and `end` are the first and the
+    last receive time [ns]. `notes` describe irregularities that are not damage. `lost` is the
+    number of messages that cannot be read. `unverified` is the number of messages without a
     checksum.
     """
 
@@ -67,7 +68,7 @@ class BagReport:
 def check_bag(
     path: Path, show: Show = lambda done, expected: None, limits: BagLimits = DEFAULT_LIMITS
 ) -> BagReport:
-    """Read a whole bag and return a report about it; ValueError if the path is no bag."""
+    """Read a whole bag, and return a report. Raises ValueError if the path is not a bag."""
     return _BagScan(path, None, False, show, limits).report
 
 
@@ -78,10 +79,10 @@ def recover_bag(
     show: Show = lambda done, expected: None,
     limits: BagLimits = DEFAULT_LIMITS,
 ) -> tuple[BagReport, Path]:
-    """Write the intact messages of a bag to a new bag; return a report and the new path.
+    """Write the intact messages of a bag to a new bag, and return a report and the new path.
 
-    With `doubtful`, messages with wrong checksums are also recovered. Raises ValueError if no
-    message is intact, and OSError if the new bag cannot be written.
+    If `doubtful` is set, messages with wrong checksums are also recovered. Raises ValueError if
+    the bag is damaged and no message is intact. Raises OSError if the new bag cannot be written.
     """
     scan = _BagScan(path, output, doubtful, show, limits)
     report, writer = scan.report, scan.writer
@@ -102,7 +103,7 @@ def recover_bag(
 
 
 class _BagScan:
-    """Scan of all files of a bag, which copies the messages to a new bag if `output` is given."""
+    """Scan of all files of a bag. It copies the messages to a new bag if `output` is given."""
 
     def __init__(
         self, path: Path, output: Path | None, doubtful: bool, show: Show, limits: BagLimits
@@ -209,7 +210,7 @@ def _compare(report: BagReport, information: Mapping[str, Any] | None) -> None:
 
 
 def _deleted_older(report: BagReport, information: Mapping[str, Any]) -> bool:
-    """Return whether the recorder deleted old files whose messages metadata.yaml still counts."""
+    """Return whether metadata.yaml counts messages in older files that the recorder deleted."""
     entries = information.get('files')
     described = [each for each in entries if isinstance(each, dict)] if entries else []
     counts = sum(guards.parse_count(each.get('message_count')) for each in described)
@@ -260,7 +261,7 @@ def _opened(file: Path, doubtful: bool, limits: BagLimits) -> Iterator[Recovered
 
 
 def unfinished_bag(name: Path) -> Path | None:
-    """Return the last bag of `<name>_0`, `<name>_1`, ... if it is unfinished, otherwise None."""
+    """Return the last of the bags `<name>_0`, `<name>_1`, ..., or None if it is finished."""
     number = 0
     while (name.parent / f'{name.name}_{number}').exists():
         number += 1
@@ -270,7 +271,10 @@ def unfinished_bag(name: Path) -> Path | None:
 
 
 def take_over(bag: Path) -> UnfinishedBag | None:
-    """Recover an unfinished MCAP bag, so that a writer can continue it; None if impossible."""
+    """Recover an unfinished MCAP bag so that a writer can continue it.
+
+    Returns None if the bag contains no MCAP file or no intact message.
+    """
     try:
         with TemporaryDirectory(prefix=f'.{bag.name}_', dir=bag.parent) as folder:
             report, whole = recover_bag(bag, Path(folder, 'whole'))

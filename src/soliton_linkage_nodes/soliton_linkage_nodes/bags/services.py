@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Services of recorder and player, with the names and, if installed, the types of rosbag2."""
+"""Services of recorder and player. Their names and, if installed, their types are from rosbag2."""
 
 from __future__ import annotations
 
@@ -19,16 +19,17 @@ _OURS = {'Seek': Seek, 'SetRate': SetRate, 'GetRate': GetRate}
 
 @dataclass(frozen=True)
 class Reply:
-    """Result of a service call: a line of text, and values for fields of the response."""
+    """Result of a service call: a line of text, and values by field name of the response."""
 
     line: str
     figures: Mapping[str, Any] = field(default_factory=dict)
 
 
 def serve(node: Node, name: str, type_name: str, act: Callable[[Any], Reply]) -> None:
-    """Offer the service `~/<name>`, which executes `act` with the request and logs the result.
+    """Offer the service `~/<name>`. A call executes `act` with the request and logs the result.
 
-    The call is rejected if `act` raises ValueError or if the node is managed and not active.
+    The call is rejected if `act` raises ValueError, or if the node is a managed node that is not
+    active.
     """
 
     def respond(request: Any, response: Any) -> Any:
@@ -48,7 +49,10 @@ def serve(node: Node, name: str, type_name: str, act: Callable[[Any], Reply]) ->
 def serve_value(
     node: Node, name: str, type_name: str, field: str, value: Callable[[], Any]
 ) -> None:
-    """Offer `~/<name>`, which responds with `value()` in the field `field` or else `success`."""
+    """Offer the service `~/<name>`, which responds with `value()`.
+
+    The value is in the field `field`. If the service type lacks this field, it is in `success`.
+    """
 
     def respond(_request: Any, response: Any) -> Any:
         setattr(response, field if hasattr(response, field) else 'success', value())
@@ -58,7 +62,10 @@ def serve_value(
 
 
 def service_type(name: str) -> Any:
-    """Return the service type of this name from rosbag2, else from the suite, else Trigger."""
+    """Return the service type of this name in rosbag2 or, if not installed, a replacement.
+
+    The replacement is a type of this software with the same name or, without such a type, Trigger.
+    """
     try:
         return getattr(importlib.import_module('rosbag2_interfaces.srv'), name)
     except (ImportError, AttributeError):

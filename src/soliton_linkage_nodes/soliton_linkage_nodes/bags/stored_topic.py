@@ -19,27 +19,27 @@ from rosbags.typesys.store import Typestore
 from soliton_linkage_nodes.bags.guards import load_yaml
 
 CDR = 'cdr'
-"""Encoding of ROS 2 messages. Messages in other encodings are copied, but cannot be decoded."""
+"""Encoding of ROS 2 messages. Messages in other encodings can be copied but not decoded."""
 _LONGEST_NAME = 255
-"""Texts in errors are cut to this length [characters], the limit of names in file systems."""
+"""Length to which texts in errors are cut [characters], the limit of names in file systems."""
 _UNLIMITED = {'sec': 2147483647, 'nsec': 4294967295}
 """Infinite duration in the notation of rosbag2."""
 _LATCHED = ('transient_local', '1')
-"""Names of the durability of a latched topic, in metadata of version 9 and of earlier versions."""
+"""Durability of a latched topic in metadata.yaml of version 9 and in earlier versions."""
 _UNKNOWN_DEPTH = 10
-"""Queue depth of a latched topic whose depth the bag does not state [messages], as in rosbag2."""
+"""Assumed queue depth of a latched topic if the bag does not state it [messages]."""
 _TYPE_NAME = re.compile(r'\w+/\w+/\w+')
 _SERVICE_SEPARATOR = re.compile(r'^---[ \t]*$', re.MULTILINE)
 
 
 @dataclass(frozen=True)
 class StoredTopic:
-    """Topic of a bag. Texts that are unknown are ''.
+    """Topic of a bag. Unknown texts are ''.
 
     `number` is the number of the topic in its file or bag, beginning at 1. `definition` is the
-    message definition in the format `definition_format`, such as 'ros2msg'. Both are '' for an
-    MCAP channel without a schema. Bytes of the definition that are no valid UTF-8 are represented
-    by surrogates. `digest` is the RIHS01 hash of the type. `profiles` are the QoS profiles of the
+    message definition in the format `definition_format`, for example 'ros2msg'. Both are '' for an
+    MCAP channel without a schema. Surrogates replace the bytes of the definition that are not
+    valid UTF-8. `digest` is the RIHS01 hash of the type. `profiles` are the QoS profiles of the
     publishers in YAML. `about` contains other metadata of an MCAP channel.
     """
 
@@ -55,12 +55,12 @@ class StoredTopic:
 
     @property
     def key(self) -> tuple[str, str, str]:
-        """Name, type and encoding. Channels that agree in these count as one topic, as in ROS."""
+        """Name, type and encoding. Channels with the same key are one topic, as in ROS."""
         return self.name, self.type_name, self.serialization
 
     @property
     def latched_depth(self) -> int:
-        """Number of last messages that the publishers kept for late subscribers, or 0."""
+        """Number of messages that the publishers stored for late subscribers, or 0."""
         profiles = [p for p in profiles_in(self.profiles) if str(p['durability']) in _LATCHED]
         depths = [p['depth'] for p in profiles if isinstance(p['depth'], int)]
         return max((depth if depth > 0 else _UNKNOWN_DEPTH for depth in depths), default=0)
@@ -72,9 +72,9 @@ class StoredTopic:
 
 
 def type_definition(name: str) -> tuple[str, str]:
-    """Return the definition of a message type and its hash; ValueError if it is not installed.
+    """Return the definition of a message type, with all nested types, and the hash of the type.
 
-    The definition includes the definitions of all nested types.
+    Raises ValueError if the type is not installed.
     """
     definition, digest, complaint = _installed(name)
     if complaint:
@@ -84,7 +84,10 @@ def type_definition(name: str) -> tuple[str, str]:
 
 @lru_cache(maxsize=1024)
 def service_definitions(name: str) -> tuple[str, str]:
-    """Return the definitions of a service's request and response; ValueError if not installed."""
+    """Return the definitions of the request and of the response of a service.
+
+    Raises ValueError if the service type is not installed.
+    """
     try:
         package, kind, short = _name_parts(name)
         path = Path(get_package_share_directory(package), kind, f'{short}.srv')
@@ -134,7 +137,7 @@ def _not_installed(kind: str, name: str, error: Exception) -> str:
 
 
 def completed(topic: StoredTopic) -> StoredTopic:
-    """Return a CDR topic with a missing definition or hash taken from the installed type."""
+    """Return a CDR topic. The installed type supplies a missing definition or hash."""
     if topic.serialization != CDR or (topic.definition and topic.digest):
         return topic
     known, digest, _ = _installed(topic.type_name)
@@ -155,7 +158,7 @@ def profiles_text(profiles: Sequence[QoSProfile]) -> str:
 
 @lru_cache(maxsize=1024)
 def profiles_in(text: str) -> list[dict[str, Any]]:
-    """Return the QoS profiles in a YAML text of rosbag2, [] if the text is invalid."""
+    """Return the QoS profiles in a YAML text of rosbag2; [] if the text is invalid."""
     try:
         loaded = load_yaml(text)
     except ValueError:

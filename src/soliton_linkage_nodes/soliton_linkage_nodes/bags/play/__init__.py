@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Components of the player: clock, thread, publishers, services and keys."""
+"""Components of the bag player: clock, thread and publishers."""

@@ -28,7 +28,7 @@ _LAST = LAST_STAMP / SECOND
 
 @dataclass(frozen=True)
 class BagPlayerParameters:
-    """Parameters of the player."""
+    """Parameters of the bag player."""
 
     bag: str = quantity('', 'path of the bag to play')
     rate: float = quantity(1.0, 'playback rate relative to the recording', '', *RATES)
@@ -65,7 +65,7 @@ class BagPlayerParameters:
 
 @dataclass(frozen=True)
 class PlaybackRange:
-    """Times from `start` to `end` [ns] in a bag that lasts from `origin` to `last` [ns]."""
+    """Played interval from `start` to `end` of a bag that lasts from `origin` to `last` [ns]."""
 
     start: int
     end: int
@@ -78,10 +78,11 @@ class PlaybackRange:
         return (self.last - self.origin) / SECOND
 
     def part(self, offset: int, duration: int, until: int) -> PlaybackRange:
-        """Return the part from `offset` [ns] after the start of the bag; ValueError if empty.
+        """Return an interval that begins at `offset` after the start of the bag [ns].
 
-        As in rosbag2, the part ends at the later of two times: `until` [ns], and `duration` [ns]
-        after its own start. Arguments that are 0 or negative are ignored.
+        Two limits are possible: the time `until` [ns], and the `duration` of the interval [ns]. If
+        both are given, the later one applies, as in rosbag2. An argument that is not positive is
+        ignored. Raises ValueError if the interval is empty.
         """
         start = self.origin + max(offset, 0)
         ends = [start + duration + 1] if duration > 0 else []
@@ -96,7 +97,11 @@ class PlaybackRange:
 
 
 def playback_range(reader: BagReader, start_offset: float, playback_until: float) -> PlaybackRange:
-    """Return the range between two times [s], the last 0 for the end; ValueError if empty."""
+    """Return the interval between two times since the start of the bag [s].
+
+    If `playback_until` is 0, the interval lasts to the end of the bag. Raises ValueError if the
+    interval is empty.
+    """
     empty = not reader.message_count
     origin, last = (0, 0) if empty else (reader.start_time, reader.end_time)
     start = origin + round(start_offset * SECOND)
@@ -110,7 +115,10 @@ def playback_range(reader: BagReader, start_offset: float, playback_until: float
 
 
 def find_topics(reader: BagReader, names: Sequence[str]) -> list[StoredTopic]:
-    """Return the topics with these names, or all without `names`; ValueError if one is missing."""
+    """Return the topics with these names, or all topics if `names` is empty.
+
+    Raises ValueError if the bag lacks one of the topics.
+    """
     if not names:
         return list(reader.topics)
     found = (each for name in names for each in types_of_topic(reader, name))
@@ -118,7 +126,7 @@ def find_topics(reader: BagReader, names: Sequence[str]) -> list[StoredTopic]:
 
 
 def full_name(reader: BagReader, name: str) -> str:
-    """Return the full name of the topic whose name ends in '/<name>', '' if there is none."""
+    """Return the full name of the topic whose name ends in '/<name>'; '' without such a topic."""
     ends = (each.name.rpartition('/')[2] for each in reader.topics)
     return types_of_topic(reader, name)[0].name if name in ends else ''
 
@@ -126,11 +134,11 @@ def full_name(reader: BagReader, name: str) -> str:
 class PlaybackThread:
     """Thread that publishes each message of a bag when it is due.
 
-    The thread first waits for subscribers of the latched topics among `awaited`, and publishes the
-    last latched messages from before the range. It then waits for the other subscribers, and for
-    the analyser if `lockstep` is set. `finished` is set at the end of the range, but not after a
-    stop.
-    `rounds` is the number of starts of the range, and `jumps` the number of seeks.
+    The thread first waits for subscribers of the latched topics among `awaited`. It publishes the
+    last latched messages from before the played interval. It then waits for subscribers of the
+    other topics and, in lockstep, for the analyser. `finished` is true after the playback has
+    reached its end without a stop. `rounds` is the number of times that the interval was started,
+    and `jumps` is the number of seeks.
     """
 
     def __init__(
@@ -154,7 +162,7 @@ class PlaybackThread:
         self._thread: threading.Thread | None = None
 
     def play(self, part: PlaybackRange) -> None:
-        """Start to play a range of the bag; ValueError if a range is being played already."""
+        """Start to play an interval of the bag. Raises ValueError if the thread is playing."""
         if self.playing:
             raise ValueError('the bag is already playing; call ~/stop first, or ~/seek')
         self.stop()
@@ -175,7 +183,10 @@ class PlaybackThread:
             self._thread.join()
 
     def summary(self, of: str = '') -> str:
-        """Return the counts of messages, rounds and jumps as text, with `of` after 'messages'."""
+        """Return the numbers of messages, rounds and jumps as text.
+
+        The text `of` is inserted after the word 'messages'.
+        """
         played, total = self._publishers.published, self._publishers.total
         again = [f'{self.rounds} rounds'] if self.rounds > 1 else []
         again += [f'{self.jumps} jump{"s" if self.jumps > 1 else ""}'] if self.jumps else []
@@ -218,7 +229,7 @@ class PlaybackThread:
         self._progress.end(f'played {self.summary(f" of {self._settings.bag}")}')
 
     def _play_from(self, reader: BagReader, start: int, ahead: dict[str, int]) -> NextAction:
-        """Play from `start` [ns] on, but omit messages whose topic and time `ahead` contains."""
+        """Play from `start` [ns], except for messages whose topic and time `ahead` contains."""
         self._clock.start(start)
         before = start
         topics = self._publishers.of(reader.topics)
@@ -248,9 +259,10 @@ class PlaybackThread:
             self._clock.start(before + skipped)
 
     def _publish_latched(self, reader: BagReader, start: int) -> dict[str, int]:
-        """Publish each topic's latched messages from before `start` [ns], or else its next one.
+        """Publish the last messages from before `start` [ns] on each latched topic.
 
-        Returns a mapping from topics to the receive times [ns] of these next messages.
+        If a topic has no earlier message, its first later message is published instead. Returns
+        the receive times of these later messages by topic [ns].
         """
         ahead = {}
         for topic in self._publishers.of(reader.topics):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Playback clock that other threads can pause, step, seek and stop."""
+"""Clock of the playback. Other threads can pause, step, seek and stop it."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from enum import Enum, auto
 RATES = (1e-3, 1e3)
 """Lowest and highest playback rate relative to the recording [1]."""
 _LONGEST_WAIT = 0.1
-"""Longest wait until the progress line is updated [s]."""
+"""Longest time between two updates of the progress line [s]."""
 
 
 class NextAction(Enum):
-    """What the player does after it has waited for the time of a message."""
+    """Next action of the player after a wait for a message."""
 
     PLAY = auto()
     SEEK = auto()
@@ -26,9 +26,9 @@ class NextAction(Enum):
 class PlaybackClock:
     """Clock of the playback.
 
-    At the time t, the playback time is p = p0 + rate (t - t0) [ns]. The times p0 and t0 are set
-    again at each pause, seek or change of the rate. If the clock is not `paced`, each message is
-    due immediately, except in a pause.
+    At the time t, the playback time is p = p0 + rate (t - t0) [ns]. Each pause, seek or change of
+    the rate sets p0 and t0 to the present values. If the clock is not `paced`, each message is due
+    immediately, except during a pause.
     """
 
     def __init__(
@@ -41,9 +41,9 @@ class PlaybackClock:
         longest_burst: float = 2.0,
         changed: threading.Condition | None = None,
     ) -> None:
-        """Limit `play_next` to `longest_step` [s], and `burst` to `longest_burst` [s].
+        """Set the longest duration of `play_next`, `longest_step`, and of `burst` [s].
 
-        The limits are needed because these calls block all other services of the player.
+        These calls block all other services of the player.
         """
         self.stopping = threading.Event()
         self._longest_step = longest_step
@@ -62,7 +62,7 @@ class PlaybackClock:
 
     @property
     def stepping(self) -> bool:
-        """Whether a step or a burst has not yet played all its messages."""
+        """Whether some messages of a step or burst have not been played yet."""
         return bool(self._steps)
 
     def start(self, stamp: int) -> None:
@@ -98,26 +98,27 @@ class PlaybackClock:
             self._changed.notify_all()
 
     def play_next(self) -> bool:
-        """Play one message in a pause. Returns whether it was played within `longest_step`."""
+        """Play one message during a pause. Return whether it was played within `longest_step`."""
         with self._changed:
             return bool(self._step(1, self._longest_step))
 
     def burst(self, number: int) -> int:
-        """Play `number` messages in a pause, or all if `number` is 0.
+        """Play `number` messages during a pause. The number 0 means all messages.
 
-        Returns how many were played within `longest_burst`. The others are played afterwards.
+        Return the number of messages that were played within `longest_burst`. The player plays the
+        others after the return.
         """
         with self._changed:
             return self._step(number or sys.maxsize, self._longest_burst)
 
     def seek(self, stamp: int) -> None:
-        """Request that the player continues from `stamp` [ns] at its next wait for a message."""
+        """Request that the playback continues from `stamp` [ns]."""
         with self._changed:
             self._sought = stamp
             self._changed.notify_all()
 
     def reopen(self) -> None:
-        """Allow another playback after a stop. A clock that is paused stays paused."""
+        """Allow another playback after a stop. A paused clock stays paused."""
         with self._changed:
             self.stopping.clear()
             self._sought = None
@@ -130,7 +131,10 @@ class PlaybackClock:
             self._changed.notify_all()
 
     def take_sought(self) -> int:
-        """Return and clear the time of the requested seek [ns]; ValueError if there is none."""
+        """Return the time of the requested seek [ns], and clear the request.
+
+        Raises ValueError if no seek is requested.
+        """
         with self._changed:
             sought, self._sought = self._sought, None
         if sought is None:
@@ -140,7 +144,7 @@ class PlaybackClock:
     def wait_for(self, stamp: int, meanwhile: Callable[[], None] = lambda: None) -> NextAction:
         """Wait until a message with receive time `stamp` [ns] is due, or until a seek or a stop.
 
-        It calls `meanwhile` ten times per second.
+        During the wait, `meanwhile` is called ten times per second.
         """
         while True:
             with self._changed:
@@ -157,7 +161,7 @@ class PlaybackClock:
             meanwhile()
 
     def wait_at_end(self) -> NextAction:
-        """If the playback is paused at the end of the bag, wait for a seek, a stop or a resume."""
+        """Wait at the end of the bag during a pause, until a seek, a stop or a resume."""
         with self._changed:
             self._at_end, self._steps = True, 0
             self._changed.notify_all()

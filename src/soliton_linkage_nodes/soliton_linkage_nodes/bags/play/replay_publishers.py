@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Publishers that replay a bag. They can wait for an analyser and omit recorded states."""
+"""Publishers for the messages of a bag. They can wait for an analyser and omit recorded states."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from soliton_linkage_nodes.runtime.serialization import serialize
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
 _ANSWER_POLL_INTERVAL = 0.05
-"""While the player waits for the analyser, it checks for a stop request at this interval [s]."""
+"""Interval at which the player checks for a stop while it waits for the analyser [s]."""
 
 
 class Lockstep:
-    """Flow control of a replay: a frame waits until the analyser has answered earlier frames.
+    """Flow control of a replay, in which a frame waits until the analyser has answered others.
 
     A `soliton_state` counts as the answer to all frames up to its stamp, because the analyser does
     not answer frames that it rejects.
@@ -38,8 +38,8 @@ class Lockstep:
     def __init__(self, node: Node, frames: str, window: int, limit: float) -> None:
         """Allow at most `window` unanswered frames of the topic `frames`.
 
-        If no answer arrives for `limit` [s], the unanswered frames are given up and counted in
-        `given_up`.
+        If no answer arrives for `limit` [s], the player no longer waits for the unanswered frames.
+        `given_up` is the number of these frames.
         """
         self.given_up = 0
         self.frames = frames
@@ -58,7 +58,10 @@ class Lockstep:
         )
 
     def wait_for_the_analyser(self, limit: float, stopping: threading.Event) -> None:
-        """Wait until `soliton_state` has a publisher or to stop; ValueError after `limit` [s]."""
+        """Wait until `soliton_state` has a publisher, or until `stopping` is set.
+
+        Raises ValueError if neither happens within `limit` [s].
+        """
         deadline = time.monotonic() + limit
         while not self._subscription.get_publisher_count():
             if stopping.wait(_ANSWER_POLL_INTERVAL):
@@ -70,10 +73,10 @@ class Lockstep:
                 )
 
     def wait_for_turn(self, topic: str, message: bytes, stopped: Callable[[], bool]) -> None:
-        """Wait until a message may be published, or until `stopped()` is true.
+        """Wait until a message may be published, or until `stopped()` returns true.
 
-        A frame waits until fewer than `window` frames (an argument of the constructor) are
-        unanswered. Any other message waits until all frames are answered.
+        A frame waits until fewer than `window` earlier frames are unanswered. Any other message
+        waits until all frames are answered.
         """
         if topic != self.frames:
             self.settle(stopped)
@@ -93,7 +96,7 @@ class Lockstep:
             self._sent = b''
 
     def settle(self, stopped: Callable[[], bool], most: int = 0) -> None:
-        """Wait until at most `most` frames are unanswered, or until `stopped()`."""
+        """Wait until at most `most` frames are unanswered, or until `stopped()` returns true."""
         with self._changed:
             left, since = len(self._unanswered), time.monotonic()
             while len(self._unanswered) > most and not stopped():
@@ -119,21 +122,22 @@ def _stamp(message: bytes) -> bytes:
 
 
 _POLL_INTERVAL = Duration(seconds=0.02)
-"""While the player waits for acknowledgements, it checks for a stop request at this interval."""
+"""Interval at which the player checks for a stop while it waits for acknowledgements."""
 _MOST_REASONS = 3
-"""Largest number of rejected topics that an error lists with their reasons [1]."""
+"""Largest number of topics for which an error states why they cannot be played [1]."""
 _MOST_TOPICS = 1000
 """Largest number of topics that are played [1]. A publisher takes 100 kB and 1 ms to create."""
 _LONGEST_DELIVERY = 10.0
-"""Longest wait until the subscribers have acknowledged the messages [s]."""
+"""Longest wait for the acknowledgement of the messages by the subscribers [s]."""
 _REJECTED = (ValueError, NameValidationException, rclpy_implementation.RCLError)
 
 
 class ReplayPublishers:
-    """Publishers of the messages of a bag. All waits end when `stopping` is set.
+    """Publishers for the messages of a bag. All waits end when `stopping` is set.
 
-    Messages that were recorded with another definition of their type are converted. If a topic has
-    several types, only messages of its first installed type are published.
+    A message that was recorded with another definition of its type is converted to the installed
+    definition. If a topic has several types, only messages of its first installed type are
+    published.
     """
 
     def __init__(
@@ -143,9 +147,10 @@ class ReplayPublishers:
         stopping: threading.Event,
         with_clock: bool,
     ) -> None:
-        """Create publishers for the topics, given with their numbers of messages, and for /clock.
+        """Create a publisher for each topic and, if `with_clock` is set, for /clock.
 
-        Logs which topics cannot be played. Raises ValueError if no topic can be played.
+        `counts` maps the topics to their numbers of messages. Topics that cannot be played are
+        logged. Raises ValueError if no topic can be played.
         """
         if len(counts) > _MOST_TOPICS:
             raise ValueError(
@@ -157,7 +162,7 @@ class ReplayPublishers:
         self._node = node
         self._stopping = stopping
         self.lockstep: Lockstep | None = None
-        """Flow control by an analyser, None if the messages are paced by the clock."""
+        """Flow control by an analyser, or None if the playback clock paces the messages."""
         self._states: dict[str, RecordedStates] = {}
         self._decoders: dict[str, Callable[[bytes], Any]] = {}
         self._publishers: dict[str, Publisher] = {}
@@ -189,40 +194,43 @@ class ReplayPublishers:
         self.lockstep = lockstep
 
     def suppress_beside_analyser(self, chosen: Container[str]) -> None:
-        """Omit recorded states while an analyser publishes the same topic that is not `chosen`."""
+        """Omit recorded states and events while an analyser publishes them.
+
+        Topics whose names are in `chosen` are not omitted.
+        """
         for topic in self._publishers:
             name = topic.rpartition('/')[2]
             if name in (interfaces.SOLITON_STATE.name, interfaces.SOLITON_EVENTS.name):
                 self._states[topic] = RecordedStates(self._node, topic, name in chosen)
 
     def report_gap(self, stamp: int, gap: float) -> None:
-        """Log that `gap` seconds without messages before `stamp` [ns] were skipped."""
+        """Log that the player skips `gap` seconds without messages before `stamp` [ns]."""
         self._node.get_logger().info(
             f'skipped {gap:.0f} s without a message before {stamp} ns: the recorder was paused, '
             'or the gap exceeds parameter longest_gap'
         )
 
     def reset(self) -> None:
-        """Reset the counters, and forget unanswered frames."""
+        """Reset the counters, and do not wait for unanswered frames any more."""
         self.published = 0
         self.left_out = 0
         if self.lockstep is not None:
             self.lockstep.forget()
 
     def of(self, topics: Iterable[StoredTopic]) -> list[StoredTopic]:
-        """Return the topics among `topics` that are published."""
+        """Return the topics in `topics` that are published."""
         played = {(topic, self._types[topic], CDR) for topic in self._publishers}
         return [each for each in topics if each.key in played]
 
     def leaves_out(self, topic: StoredTopic) -> bool:
-        """Return whether a topic's next message must be omitted. Omitted messages are counted."""
+        """Return whether the next message of a topic must be omitted, and count it if so."""
         states = self._states.get(topic.name)
         left_out = states is not None and states.suppressed()
         self.left_out += left_out
         return left_out
 
     def publish(self, stored: StoredTopic, serialized: bytes) -> None:
-        """Publish a message. In lockstep, it first waits until the message may be published."""
+        """Publish a message. In lockstep, wait first until the message may be published."""
         topic = stored.name
         if topic in self._decoders:
             serialized = serialize(self._decoders[topic](serialized))
@@ -237,12 +245,12 @@ class ReplayPublishers:
         self.published += 1
 
     def publish_clock(self, stamp: int) -> None:
-        """Publish the time `stamp` [ns] on /clock if the player publishes it."""
+        """Publish the time `stamp` [ns] on /clock, unless the player publishes no clock."""
         if self._clock is not None:
             self._clock.publish(interfaces.CLOCK.type(clock=time_to_msg(stamp)))
 
     def wait_for_subscribers(self, topics: Iterable[str], limit: float) -> None:
-        """For each topic, wait at most `limit` [s] until it has a subscriber outside this node."""
+        """Wait until each topic has a subscriber in another node, at most `limit` [s] for each."""
         for topic in topics:
             if topic not in self._publishers or self._stopping.is_set():
                 continue
@@ -255,7 +263,7 @@ class ReplayPublishers:
                 )
 
     def deliver(self) -> None:
-        """Wait for all acknowledgements and, in lockstep, for the answer to the last frame."""
+        """Wait for all acknowledgements and, in lockstep, for the answers to all frames."""
         self._wait_for_acknowledgements(*self._publishers)
         if self.lockstep is not None:
             self.lockstep.settle(self._stopping.is_set)
@@ -276,7 +284,10 @@ class ReplayPublishers:
         self._publishers[topic.name] = publisher
 
     def _wait_for_acknowledgements(self, *topics: str) -> None:
-        """Wait for the subscribers of these topics, because a full queue would drop messages."""
+        """Wait until the subscribers have acknowledged all messages on these topics.
+
+        Otherwise messages would be lost when a queue is full.
+        """
         deadline = time.monotonic() + _LONGEST_DELIVERY
         for topic in topics:
             patience = Duration() if topic in self._silent else _POLL_INTERVAL
@@ -317,7 +328,7 @@ class RecordedStates:
         self._queried_at = -_QUERY_INTERVAL
 
     def suppressed(self) -> bool:
-        """Return whether the next message must be omitted, and log changes of this result."""
+        """Return whether the next message must be omitted. Log each change of this result."""
         now = time.monotonic()
         if now - self._queried_at >= _QUERY_INTERVAL:
             self._queried_at = now

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Components of the recorder: subscriptions, receiving thread, writing thread, bag writer."""
+"""Components of the recorder: subscriptions, receiving and writing threads, and bag writer."""

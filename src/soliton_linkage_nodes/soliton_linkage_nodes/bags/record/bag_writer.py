@@ -23,15 +23,18 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 
 COMPRESSIONS = ('none', 'zstd')
 _CUSTOM_DATA_INTERVAL = 1.0
-"""Shortest time between two writes of the custom data [s]. Each write makes the file longer."""
+"""Shortest time between two writes of the custom data [s]. Each write lengthens the file."""
 _RESERVE = 'space_for_the_index'
 _RESERVE_BYTES = 2**20
-"""Disk space that is reserved for the index [B]: 100 bytes for each of 10,000 chunks."""
+"""Disk space that is reserved for the index [B]. The index has 100 bytes per chunk."""
 
 
 @dataclass(frozen=True)
 class UnfinishedBag:
-    """Bag that another recorder left unfinished; `counts` maps topics to numbers of messages."""
+    """Bag that another recorder has not finished, for example because it was killed.
+
+    `counts` maps the topics to their numbers of messages.
+    """
 
     path: Path
     file: StoredFile
@@ -40,12 +43,13 @@ class UnfinishedBag:
 
 
 class BagWriter:
-    """Writer of a bag in a directory named `<name>_<first free number>`, for use by one thread.
+    """Writer of a bag in a directory named `<name>_<first free number>`.
 
-    At intervals of `flush_interval` [s], pending messages are passed to the operating system, so
-    that they are not lost if the process is killed. At intervals of `sync_interval` [s], the file
-    is synchronised to the disk; 0 means never. After a failed write, a reserve file is removed, so
-    that the index fits on a full disk. The methods raise OSError if the bag cannot be written.
+    Only one thread may use the writer. At intervals of `flush_interval` [s], the writer passes
+    pending messages to the operating system, so that they are not lost if the process is killed.
+    At intervals of `sync_interval` [s], it synchronises the file to the disk; 0 means never. A
+    reserve file is removed after a failed write, so that the index fits on a full disk. The
+    methods raise OSError if the bag cannot be written.
     """
 
     def __init__(
@@ -58,10 +62,10 @@ class BagWriter:
         sync_interval: float = 0.0,
         begun: UnfinishedBag | None = None,
     ) -> None:
-        """Create the bag, or continue the bag `begun`.
+        """Create a bag, or continue the unfinished bag `begun`.
 
-        A new file begins when the present one reaches the size `largest_file` [B] or the duration
-        `longest_file` [s]; 0 means no limit.
+        The writer begins a new file when the present file reaches the size `largest_file` [B] or
+        the duration `longest_file` [s]. The value 0 means no limit.
         """
         if compression not in COMPRESSIONS:
             known = ' or '.join(COMPRESSIONS)
@@ -72,7 +76,7 @@ class BagWriter:
         self.finished = False
         self._is_continued = begun is not None
         self.gap_description = ''
-        """Log text about the time that is missing in a continued bag, '' for a new bag."""
+        """Log text about the missing time in a continued bag; '' for a new bag."""
         self._is_open = False
         self._begun: int | None = None
         self._codec = '' if compression == 'none' else compression
@@ -101,17 +105,16 @@ class BagWriter:
     @property
     def messages(self) -> int:
         """Number of messages stored so far."""
-        # list() copies the values in one step, because another thread may add a topic at the same
-        # time.
+        # list() copies the values in one step. Another thread may add a topic at the same time.
         return sum(list(self._counts.values())) + sum(list(self._file.counts.values()))
 
     @property
     def files(self) -> int:
-        """Number of files of the bag, including the one that is being written."""
+        """Number of files of the bag, including the present file."""
         return len(self._files) + 1
 
     def add_topic(self, topic: str, type_name: str, *profiles: QoSProfile) -> StoredTopic:
-        """Add a topic with its QoS profiles; ValueError if its type is not installed."""
+        """Add a topic with its QoS profiles. Raises ValueError if its type is not installed."""
         known = self._known.get((topic, type_name))
         if known is not None:
             return known
@@ -123,7 +126,7 @@ class BagWriter:
         return added
 
     def add_stored_topic(self, topic: StoredTopic) -> StoredTopic:
-        """Add a topic from another bag; return the topic with its number in this bag."""
+        """Add a topic of another bag, and return the topic with its number in this bag."""
         stored = replace(topic, number=len(self.topics) + 1)
         self._remember(stored)
         with self._naming_the_bag():
@@ -138,7 +141,7 @@ class BagWriter:
         published: int | None = None,
         sequence: int = 0,
     ) -> None:
-        """Store a serialized message, its receive time `stamp` and its publish time [ns]."""
+        """Store a serialized message with its receive time `stamp` and its publish time [ns]."""
         with self._naming_the_bag():
             self._split_if_full(stamp)
             self._file.write(topic.number, stamp, serialized, published, sequence)
@@ -153,7 +156,7 @@ class BagWriter:
         self.flush_if_due()
 
     def copy_record(self, opcode: int, body: Bytes) -> None:
-        """Copy an MCAP record from another file without changes, for example an attachment."""
+        """Copy an MCAP record, for example an attachment, from another file without changes."""
         with self._naming_the_bag():
             self._file.copy_record(opcode, body)
 
@@ -175,7 +178,7 @@ class BagWriter:
             self._file.flush()
 
     def checkpoint(self) -> None:
-        """Flush, write the custom data and, unless `sync_interval` is 0, synchronise to disk."""
+        """Flush and write the custom data. Unless `sync_interval` is 0, synchronise to disk."""
         with self._naming_the_bag():
             self._file.flush()
             self._write_custom_data()
@@ -183,7 +186,7 @@ class BagWriter:
                 self._sync_file()
 
     def set_custom_data(self, custom_data: Mapping[str, str]) -> None:
-        """Set custom data of the bag, which is written at most once per second and at the end."""
+        """Set custom data of the bag. It is written at most once per second, and at the end."""
         self._custom_data.update(custom_data)
 
     def add_gap(self, start: int, end: int) -> None:
@@ -192,7 +195,7 @@ class BagWriter:
         self._custom_data[metadata.GAPS] = json.dumps(gaps)
 
     def split(self) -> None:
-        """Finish the present file and continue in a new one."""
+        """Finish the present file, and continue in a new file."""
         with self._naming_the_bag():
             self._split()
 
@@ -205,7 +208,7 @@ class BagWriter:
             (self.path / _RESERVE).unlink()
 
     def finish_after_error(self) -> None:
-        """Finish the bag after a failed write, with all messages of earlier writes."""
+        """Finish the bag after a failed write. The bag contains the messages of earlier writes."""
         try:
             (self.path / _RESERVE).unlink(missing_ok=True)
             if self._is_open:
@@ -217,7 +220,7 @@ class BagWriter:
                 self._file.abandon()
 
     def remove_if_empty(self) -> None:
-        """Remove the bag if it has no messages, unless it continues an unfinished bag."""
+        """Remove the bag if it has no messages. A continued bag is never removed."""
         if self._is_continued or (self._is_open and self.messages):
             return
         ours = (f'{self.path.name}_', metadata.METADATA_FILE, _RESERVE)

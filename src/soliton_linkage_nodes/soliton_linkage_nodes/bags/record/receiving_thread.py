@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Thread that takes messages from the middleware and passes them to the writing thread."""
+"""Thread that receives messages from the middleware and passes them to the writing thread."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.pacing import IdlePriority
 
 _LONGEST_TEXT = 1000
-"""Values whose text has at least this length [characters], such as long lists, are not stored."""
+"""Length of its text from which on a value of chain parameters is not stored [characters]."""
 _CHAIN_TYPE = type_name(interfaces.CHAIN.type)
 
 
@@ -47,33 +47,32 @@ def _parameters_of(serialized: bytes) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class DiscoveryTimes:
-    """Time limits for the discovery of publishers [s]. Each process announces itself every 3 s."""
+    """Durations of the discovery of publishers. Each process announces itself every 3 s."""
 
     announcement: float = 3.2
     """Shortest duration of the discovery [s], so that every process announces itself once."""
     quiet: float = 1.0
-    """The discovery ends if the numbers of known and connected publishers do not change for this
-    [s]."""
+    """Time without change of the numbers of known and of connected publishers after which the
+    discovery ends [s]."""
     longest: float = 10.0
-    """The wait for unconnected publishers ends after this [s], because they may have been
-    killed."""
+    """Longest wait for unconnected publishers [s]. They may have been killed."""
 
 
 class DiscoveryWait:
-    """Monitor of the discovery and connection of all publishers of the recorded topics."""
+    """Monitor of the discovery of the publishers of recorded topics, and of their connection."""
 
     def __init__(
         self, times: DiscoveryTimes = DiscoveryTimes(), clock: Callable[[], float] = time.monotonic
     ) -> None:
         self.missing: list[str] = []
-        """Topics that had an unconnected publisher at the last call of `done`."""
+        """Topics with an unconnected publisher at the last call of `done`."""
         self._times = times
         self._clock = clock
         self._begun = self._since = clock()
         self._known: list[tuple[str, int, int]] = []
 
     def done(self, subscriptions: Sequence[RecordedSubscription]) -> bool:
-        """Return whether all publishers are found and connected, or the longest wait is over."""
+        """Return whether all publishers are found and connected, or the longest wait has ended."""
         now = self._clock()
         known = [(each.source.name, each.publishers, each.connected) for each in subscriptions]
         if known != self._known:
@@ -85,23 +84,23 @@ class DiscoveryWait:
 
 
 _POLL_INTERVAL = 0.05
-"""Time between two rounds [s]. A round takes all waiting messages from the middleware."""
+"""Time between two rounds [s]. In a round, the thread receives all waiting messages."""
 _DISCOVERY_INTERVAL = 0.01
 """Time between two searches for new topics [s]. A search takes at most 0.1 ms."""
 _LONGEST_ROUND = 5.0
 """Longest wait of `settle` for two rounds of the thread [s]. Two rounds usually take 0.1 s."""
 _LONGEST_TRANSPORT = 2.0
-"""Longest wait of `settle` for messages in transport [s]. A later message ends the wait sooner."""
+"""Longest wait for messages in transport in `settle` [s]."""
 _SEARCH_INTERVAL = 0.25
 """Time between two searches for new publishers of the subscribed topics [s]."""
 
 
 class ReceivingThread:
-    """Thread that takes messages from the middleware and passes them to the writing thread.
+    """Thread that receives messages from the middleware and passes them to the writing thread.
 
-    The messages of a round are sorted by receive time. The subscriptions are not added to an
-    executor, because a callback cannot receive both the serialized message and its sequence
-    number.
+    The thread works in rounds. It sorts the messages of a round by receive time. The subscriptions
+    are not added to an executor, because a callback cannot receive both the serialized message and
+    its sequence number.
     """
 
     def __init__(
@@ -113,7 +112,10 @@ class ReceivingThread:
         real_time: bool = False,
         discovery: DiscoveryTimes = DiscoveryTimes(),
     ) -> None:
-        """Start; after the discovery, call `announce` with topics of unconnected publishers."""
+        """Start the thread.
+
+        After the discovery, the thread calls `announce` with the topics of unconnected publishers.
+        """
         self.failure: Exception | None = None
         self._finder = finder
         self._buffer = buffer
@@ -139,14 +141,14 @@ class ReceivingThread:
 
     @property
     def losses(self) -> dict[str, int]:
-        """For each topic, the number of messages that were published but are not in the bag."""
+        """Number of messages of each topic that were published but are not in the bag."""
         dropped = self._bag.dropped
         lost = {each.source.name: each.gaps.lost for each in self._subscriptions}
         return {name: count + dropped[name] for name, count in lost.items()}
 
     @property
     def missed(self) -> dict[str, int]:
-        """For each topic, the number of messages that were sent before the recorder connected."""
+        """Number of messages of each topic that were sent before the recorder was connected."""
         missed = {each.source.name: each.starts.missed for each in self._subscriptions}
         return {name: number for name, number in missed.items() if number}
 
@@ -158,7 +160,7 @@ class ReceivingThread:
             self._buffer.paused = True
 
     def settle(self) -> None:
-        """Wait until the thread has taken all messages that were sent before this call."""
+        """Wait until the thread has received all messages that were sent before this call."""
         called = time.time_ns()
         with self._rounds_changed:
             after = self._rounds + 2
@@ -169,18 +171,21 @@ class ReceivingThread:
             )
 
     def resume(self) -> int:
-        """End a pause; record and count the last message of the pause on each latched topic."""
+        """End a pause, and record the last message that arrived in it on each latched topic.
+
+        Return the number of these messages.
+        """
         if self._buffer.paused:
             gap = self._paused_at, time.time_ns()
             self._bag.post(lambda: self._bag.writer.add_gap(*gap))
         return self._record(self._buffer.resume)
 
     def snapshot(self) -> int:
-        """Record the messages of the snapshot; return their number."""
+        """Record the messages of the snapshot, and return their number."""
         return self._record(self._buffer.snapshot)
 
     def stop(self) -> dict[str, str]:
-        """Take the remaining messages and end the thread; return the custom data of the bag."""
+        """Receive the remaining messages and end the thread. Return the custom data of the bag."""
         self._stopping.set()
         self._thread.join()
         return self._custom_data()

@@ -21,10 +21,9 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription, Info, qos_for_all
 
 _DEPTH = 5000
-"""Queue depth of a subscription [messages], enough for five seconds at 1000 Hz."""
+"""Queue depth of a subscription [messages], sufficient for 5 s at 1000 Hz."""
 _STREAM_PERIOD = SECOND
-"""`settle` waits for a topic's next message only if its last message period was below this
-[ns]."""
+"""Largest message period of a topic for whose next message `settle` waits [ns]."""
 
 
 class RecordedSubscription:
@@ -33,7 +32,11 @@ class RecordedSubscription:
     def __init__(
         self, node: GuardedNode, source: RecordedTopic, message_type: Any, wanted_since: int
     ) -> None:
-        """Subscribe to `source`; earlier messages since `wanted_since` [ns] count as missed."""
+        """Subscribe to `source`.
+
+        Messages that were sent after `wanted_since` [ns] and before the subscription was connected
+        count as missed.
+        """
         self.source = source
         self.gaps = SequenceGaps()
         self.starts = MissedStarts()
@@ -46,7 +49,10 @@ class RecordedSubscription:
         self._sent = self._sent_before = 0
 
     def drain(self) -> list[ReceivedMessage]:
-        """Take waiting messages, but only the last latched one from before the subscription."""
+        """Return the waiting messages.
+
+        Of the latched messages from before the subscription, only the last one is returned.
+        """
         taken: list[ReceivedMessage] = []
         is_history = False
         for serialized, info in self._subscription.waiting():
@@ -70,7 +76,10 @@ class RecordedSubscription:
             self.starts.add(number, sent, info['received_timestamp'] - self._wanted_since)
 
     def may_lack(self, until: int) -> bool:
-        """Return whether the last two messages were sent in the second before `until` [ns]."""
+        """Return whether the last two messages were both sent within 1 s before `until` [ns].
+
+        In this case, another message from before `until` may still be in transport.
+        """
         return self._sent < until < self._sent_before + _STREAM_PERIOD
 
     @property
@@ -81,8 +90,8 @@ class RecordedSubscription:
     def adapt(self, query: bool) -> list[ReceivedMessage]:
         """Subscribe again if the publishers require another QoS.
 
-        Return the messages that were in the queue of the old subscription.
-        Unless `query` is set, the ROS graph is queried only if the publishers may have changed.
+        Return the messages in the queue of the old subscription. Unless `query` is set, the ROS
+        graph is queried only if the publishers may have changed.
         """
         unsettled = not self._subscription.as_requested or self.connected != self.publishers
         if not (self._subscription.changed or unsettled or query):
@@ -96,7 +105,7 @@ class RecordedSubscription:
 
 
 class TopicFinder:
-    """Finder that subscribes to each topic to be recorded as soon as its type is known."""
+    """Finder of the topics to record. It subscribes to a topic as soon as the type is known."""
 
     def __init__(self, node: GuardedNode, names: Sequence[str], regex: str, exclude: str) -> None:
         self._node = node
@@ -113,7 +122,7 @@ class TopicFinder:
         self._searched: set[str] = set()
 
     def of_suite(self) -> list[RecordedSubscription]:
-        """Subscribe to the selected topics of the suite, also to those without a publisher."""
+        """Subscribe to the selected topics of this software, even if they have no publisher."""
         named = {self._node.resolve_topic_name(topic.name): topic for topic in self._suite}
         chosen = {name: topic for name, topic in named.items() if self._wanted(name)}
         self._open.update(chosen)
@@ -199,7 +208,7 @@ class RecordingBuffer:
     def __init__(
         self, snapshot: float = 0.0, paused: bool = False, most_kept: int = _MOST_KEPT
     ) -> None:
-        """Keep the messages of the last `snapshot` [s]; at 0, record all messages immediately."""
+        """Store the messages of the last `snapshot` [s]. At 0, messages are not stored."""
         self.paused = paused
         self._most_kept = most_kept
         self._window = round(snapshot * SECOND)
@@ -214,7 +223,7 @@ class RecordingBuffer:
         return len(self._kept) + len(self._latched)
 
     def take(self, messages: Iterable[ReceivedMessage]) -> list[ReceivedMessage]:
-        """Add messages; return the messages that must be recorded now."""
+        """Add messages, and return the messages that must be recorded now."""
         if self.paused:
             self._keep_latched(messages)
             return []
@@ -231,13 +240,16 @@ class RecordingBuffer:
         return []
 
     def resume(self) -> list[ReceivedMessage]:
-        """End a pause; return the last message of the pause on each latched topic."""
+        """End a pause, and return the last message of the pause on each latched topic."""
         self.paused = False
         return [] if self._window else self._take_latched()
 
     def snapshot(self) -> list[ReceivedMessage]:
-        """Empty the buffer; return the snapshot and each latched topic's last earlier message."""
-        # On a busy machine, messages of different topics may arrive here out of order.
+        """Empty the buffer, and return its messages.
+
+        They include the last message from before the snapshot on each latched topic.
+        """
+        # On a busy machine, messages of different topics may not arrive in order of time.
         recent = [message for message in self._kept if not self._is_old(message)]
         self._keep_latched(filter(self._is_old, self._kept))
         self._kept.clear()

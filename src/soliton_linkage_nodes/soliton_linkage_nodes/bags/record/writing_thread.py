@@ -20,7 +20,7 @@ _FLUSH_INTERVAL = 0.1
 _LONGEST_FLUSH = 5.0
 """Longest wait of `flush` for the disk [s]."""
 _MOST_WAITING = 512 * 2**20
-"""Largest total size of the messages in the queue [B]: ten seconds of 1000 rotors at 1000 Hz."""
+"""Largest total size of the messages in the queue [B], 10 s for 1000 rotors at 1000 Hz."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,9 +44,9 @@ class ReceivedMessage(NamedTuple):
 class WritingThread:
     """Thread that writes messages in the order of the calls of `put`.
 
-    If the disk is slow, messages of up to `most_waiting` bytes wait. Further messages are dropped
-    and counted in `dropped`. If a write fails, the thread finishes the bag, if possible, and
-    stores the error in `failure`.
+    If the disk is slow, the messages wait in a queue of at most `most_waiting` bytes. Further
+    messages are dropped, and `dropped` counts them by topic. If a write fails, the thread tries to
+    finish the bag and stores the error in `failure`.
     """
 
     def __init__(
@@ -90,17 +90,17 @@ class WritingThread:
             self._changed.notify()
 
     def post(self, action: Callable[[], object]) -> None:
-        """Call `action`, such as a method of `writer`, after all queued messages are written."""
+        """Queue an action, for example a method of `writer`. It runs after all queued messages."""
         with self._changed:
             self._actions.append(action)
             self._changed.notify()
 
     def add_topic(self, topic: RecordedTopic) -> None:
-        """Add a topic to the bag. The bag lists the topic even if no message of it is recorded."""
+        """Add a topic to the bag. The bag lists the topic even if it has no messages."""
         self.post(lambda: self._stored(topic))
 
     def flush(self) -> None:
-        """Wait until all queued messages are passed to the operating system, at most 5 s."""
+        """Wait at most 5 s until all queued messages are passed to the operating system."""
         written = threading.Event()
         if self.failure is None:
             self.post(self.writer.flush)
@@ -108,7 +108,7 @@ class WritingThread:
             written.wait(_LONGEST_FLUSH)
 
     def close(self, custom_data: Mapping[str, str]) -> None:
-        """Write all queued messages and finish the bag. An error is stored in `failure`."""
+        """Write all queued messages, and finish the bag. An error is stored in `failure`."""
         with self._changed:
             self._final = custom_data
             self._ending = True

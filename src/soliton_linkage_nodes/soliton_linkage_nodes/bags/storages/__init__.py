@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files of bags: MCAP files are read and written, sqlite3 files of rosbag2 only read."""
+"""Reading and writing of MCAP files, and reading of the sqlite3 files of rosbag2."""

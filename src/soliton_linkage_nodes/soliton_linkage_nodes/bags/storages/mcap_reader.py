@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reader of finished MCAP files, which reads only the chunks with the requested times."""
+"""Reader of finished MCAP files. It reads only the chunks with the requested times."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from soliton_linkage_nodes.bags.storages.mcap_records import Bytes, Channel, Opc
 from soliton_linkage_nodes.bags.storages.storage import LAST_STAMP, Message
 
 _FOOTER_SIZE = 20
-"""Size of the footer [B], which contains two offsets and a checksum."""
+"""Size of the footer [B]. The footer contains two offsets and a checksum."""
 _TAIL = mcap.RECORD_HEADER.size + _FOOTER_SIZE + len(mcap.MAGIC)
 _MESSAGE_COST = 250
-"""Assumed memory of a message that waits to be yielded, in addition to its data [B]."""
+"""Assumed memory of a message in addition to its data [B]."""
 _MOST_WAITING = 4
-"""Messages of chunks that overlap in time may occupy this number times `max_unpacked` [1]."""
+"""Largest memory of the messages in chunks that overlap in time, divided by `max_unpacked` [1]."""
 _LONGEST_RUN = 2**20
-"""Size above which a run of messages outside of chunks is ended [B]. A run is read as a whole."""
+"""Size at which a run of messages outside of chunks ends [B]. A run is read as a whole."""
 _CHUNK_INDEX = struct.Struct('<QQQQ')
 _stamp = attrgetter('stamp')
 
@@ -32,7 +32,8 @@ _stamp = attrgetter('stamp')
 class _Stretch(NamedTuple):
     """Part of a file: a chunk, or a run of consecutive messages outside of chunks.
 
-    `start` and `end` are its first and last receive time [ns], `offset` is its position [B].
+    `start` and `end` are the first and the last receive time in this part [ns]. `offset` is the
+    position of the part in the file, and `size` is its size [B].
     """
 
     start: int
@@ -44,13 +45,13 @@ class _Stretch(NamedTuple):
 class IndexedMcap:
     """Reader of the messages of an MCAP file in the order of their receive times.
 
-    `topics` and `counts` map numbers to topics and to their numbers of messages, and `span` is the
-    first and the last receive time [ns], None without messages. The methods raise ValueError if
-    the file is damaged or exceeds the limits.
+    `topics` maps topic numbers to topics, and `counts` maps topic numbers to numbers of messages.
+    `span` is the first and the last receive time [ns], or None for a file without messages. The
+    methods raise ValueError if the file is damaged or exceeds the limits.
     """
 
     def __init__(self, path: Path, limits: BagLimits) -> None:
-        """Read the topics and the index or, if it is incomplete, the whole file."""
+        """Read the topics and the index. If the index is incomplete, read the whole file."""
         self._limits = limits
         self._data: Bytes = map_file(path)
         self._end = len(self._data) - _TAIL
@@ -95,7 +96,10 @@ class IndexedMcap:
     def messages(
         self, topics: Collection[int], start: int | None, stop: int | None
     ) -> Iterator[Message]:
-        """Yield the messages of topics, given by number, with stamps in [start, stop) [ns]."""
+        """Yield the messages of the topics with these numbers and receive times in [start, stop).
+
+        `start` and `stop` are in [ns].
+        """
         first = 0 if start is None else start
         last = LAST_STAMP if stop is None else stop - 1
         return (each for each in self._in_order(first, last) if each.topic in topics)
@@ -148,14 +152,14 @@ class IndexedMcap:
                 part = _Stretch(min(stamps), max(stamps), offset, end - offset)
                 self._add_part(part, opcode == Opcode.MESSAGE)
             offset = end
-        # If the index lists the chunks, the checksum of each chunk suffices.
+        # If the index lists the chunks, their own checksums are sufficient.
         at_end = self._data[offset : offset + 1] == bytes([Opcode.DATA_END])
         if not self._after and not (at_end and mcap.data_is_intact(self._data, offset)):
             raise ValueError(f'its data ends at byte {offset}, or has a wrong checksum')
         return counts
 
     def _add_part(self, part: _Stretch, in_run: bool) -> None:
-        """Add a chunk or, with `in_run`, a message, which is joined to a run that ends there."""
+        """Add a chunk or, if `in_run` is set, a message. A message extends an adjacent run."""
         last = self._parts[-1] if self._parts and in_run else part
         follows = last.offset not in self._after and last.offset + last.size == part.offset
         if follows and self._data[last.offset] == Opcode.MESSAGE and last.size < _LONGEST_RUN:

@@ -27,7 +27,7 @@ PROFILE: Final = 'ros2'
 _PROFILES: Final = 'offered_qos_profiles'
 _DIGEST: Final = 'topic_type_hash'
 CUSTOM_DATA: Final = 'soliton_linkage'
-"""Name of the metadata records in which the writer stores the custom data of an unfinished bag."""
+"""Name of the metadata records that contain the custom data while a bag is being written."""
 
 
 class Opcode(IntEnum):
@@ -52,7 +52,7 @@ class Opcode(IntEnum):
 
 @dataclass(frozen=True)
 class Schema:
-    """MCAP schema: the definition of a message type."""
+    """MCAP schema. It contains the definition of a message type."""
 
     id: int
     name: str
@@ -62,7 +62,7 @@ class Schema:
 
 @dataclass(frozen=True)
 class Channel:
-    """MCAP channel: a topic with the number of its schema, the message encoding and metadata."""
+    """MCAP channel: topic, number of the schema, message encoding and metadata."""
 
     id: int
     schema: int
@@ -72,7 +72,7 @@ class Channel:
 
 
 def record(opcode: Opcode, *parts: bytes) -> bytes:
-    """Return a record whose body consists of the parts one after the other."""
+    """Return a record whose body is the concatenation of the parts."""
     body = b''.join(parts)
     return RECORD_HEADER.pack(opcode, len(body)) + body
 
@@ -101,7 +101,7 @@ def channel_record(channel: Channel) -> bytes:
 
 
 def topic_of(channel: Channel, schemas: Mapping[int, Schema]) -> StoredTopic:
-    """Return the topic of a channel, without a type if the schema of the channel is missing."""
+    """Return the topic of a channel. The topic has no type if the schema is missing."""
     schema = schemas.get(channel.schema) or Schema(0, '', 'ros2msg' if channel.schema else '', b'')
     texts, definition = dict(channel.metadata), schema.data.decode(errors='surrogateescape')
     own = schema.encoding, texts.pop(_DIGEST, ''), texts.pop(_PROFILES, ''), channel.encoding
@@ -110,10 +110,10 @@ def topic_of(channel: Channel, schemas: Mapping[int, Schema]) -> StoredTopic:
 
 
 def channel_of(topic: StoredTopic, schema: int) -> Channel:
-    """Return the channel of a topic, whose schema has the number `schema`.
+    """Return the channel for a topic. `schema` is the number of its schema.
 
-    The metadata of a CDR channel has entries for QoS and type hash even if these are empty,
-    because rosbag2 requires them.
+    The metadata of a CDR channel contains entries for the QoS profiles and the type hash, even if
+    these are empty. rosbag2 requires the entries.
     """
     own = {_PROFILES: topic.profiles, _DIGEST: topic.digest}
     if topic.serialization != CDR:
@@ -123,7 +123,7 @@ def channel_of(topic: StoredTopic, schema: int) -> Channel:
 
 
 def metadata_record(name: str, texts: Mapping[str, str]) -> bytes:
-    """Return a metadata record with a name and named texts."""
+    """Return a metadata record, which consists of a name and a map from texts to texts."""
     return record(Opcode.METADATA, text(name), _text_map(texts))
 
 
@@ -134,9 +134,9 @@ def _text_map(texts: Mapping[str, str]) -> bytes:
 def message_head(
     channel: int, stamp: int, size: int, published: int | None = None, sequence: int = 0
 ) -> bytes:
-    """Return the bytes of a message record before the data of `size` bytes.
+    """Return the bytes that precede the data in a message record. The data has `size` bytes.
 
-    `stamp` is the receive time and `published` the publish time [ns], by default `stamp`.
+    `stamp` is the receive time [ns]. `published` is the publish time [ns], by default `stamp`.
     """
     length = MESSAGE_HEADER.size + size
     published = stamp if published is None else published
@@ -146,9 +146,9 @@ def message_head(
 def chunk_record(
     records: bytes | memoryview, start: int, end: int, codec: str
 ) -> tuple[bytes, bytes | memoryview]:
-    """Return the head of a chunk record, and its content, compressed by `codec`.
+    """Return the head and the content of a chunk record. The content is compressed by `codec`.
 
-    `start` and `end` are the first and the last receive time of its messages [ns].
+    `start` and `end` are the first and the last receive time in the chunk [ns].
     """
     packed = zstd.compress(records) if codec == 'zstd' else records
     fields = CHUNK_HEADER.pack(start, end, len(records), crc32(records))
@@ -157,13 +157,16 @@ def chunk_record(
 
 
 def message_index_record(channel: int, entries: Sequence[int]) -> bytes:
-    """Return the index of a channel in a chunk, from stamps [ns] and offsets [B] in turn."""
+    """Return the index of the messages of a channel in a chunk.
+
+    In `entries`, the stamp [ns] and the offset [B] of each message follow one another.
+    """
     packed = struct.pack(f'<{len(entries)}Q', *entries)
     return record(Opcode.MESSAGE_INDEX, struct.pack('<H', channel), sized(packed))
 
 
 def attachment_index_record(body: Bytes, offset: int, length: int) -> bytes:
-    """Return the index of an attachment from its record's body, offset [B] and length [B]."""
+    """Return the index of an attachment from the body, offset [B] and length [B] of its record."""
     fields = Fields(body)
     times, name, media_type = bytes(fields.take(16)), fields.sized(), fields.sized()
     size = struct.pack('<Q', fields.number(8))
@@ -173,21 +176,24 @@ def attachment_index_record(body: Bytes, offset: int, length: int) -> bytes:
 
 
 def data_is_intact(data: Bytes, end: int) -> bool:
-    """Return whether the first `end` bytes fit the checksum after them; True without checksum."""
+    """Return whether the first `end` bytes agree with the checksum that follows them.
+
+    Without a checksum, the result is True.
+    """
     begin = end + RECORD_HEADER.size
     checksum = int.from_bytes(data[begin : begin + 4], 'little')
     return not checksum or crc32(data[:end]) == checksum
 
 
 def attachment_is_intact(body: Bytes) -> bool:
-    """Return whether an attachment agrees with its checksum; True if it has no checksum."""
+    """Return whether an attachment agrees with its checksum. Without a checksum, return True."""
     size = len(body) - extra_bytes(Opcode.ATTACHMENT, body) - 4
     checksum = int.from_bytes(body[size : size + 4], 'little')
     return not checksum or crc32(body[:size]) == checksum
 
 
 class Fields:
-    """Parser of a record's fields in order. Raises ValueError if a field exceeds the record."""
+    """Parser of the fields of a record. Raises ValueError if a field exceeds the record."""
 
     def __init__(self, body: Bytes) -> None:
         self._body = body
@@ -208,19 +214,19 @@ class Fields:
         return taken
 
     def number(self, size: int) -> int:
-        """Return the next unsigned number, which has `size` bytes."""
+        """Return the next field, an unsigned number of `size` bytes."""
         return int.from_bytes(self.take(size), 'little')
 
     def sized(self) -> Bytes:
-        """Return the next byte string, which follows its length."""
+        """Return the next field, a byte string that is preceded by its length."""
         return self.take(self.number(4))
 
     def text(self) -> str:
-        """Return the next text."""
+        """Return the next field, a text."""
         return bytes(self.sized()).decode()
 
     def text_map(self) -> dict[str, str]:
-        """Return the next map from texts to texts."""
+        """Return the next field, a map from texts to texts."""
         inner = Fields(self.sized())
         texts = {}
         while inner.rest:
@@ -232,7 +238,10 @@ class Fields:
 def define(
     opcode: int, body: Bytes, schemas: dict[int, Schema], channels: dict[int, Channel]
 ) -> None:
-    """Add the schema or channel in a record, if it is one; ValueError if it is invalid."""
+    """If a record is a schema or a channel, add it to `schemas` or `channels`.
+
+    Raises ValueError if the record is invalid.
+    """
     fields = Fields(body)
     if opcode == Opcode.SCHEMA:
         number = fields.number(2)
@@ -244,7 +253,7 @@ def define(
 
 
 def parse_message(body: Bytes) -> Message:
-    """Return the message in a record; ValueError if the record is too short."""
+    """Return the message in a record. Raises ValueError if the record is too short."""
     if len(body) < MESSAGE_HEADER.size:
         raise ValueError(f'a message of {len(body)} bytes is shorter than its header')
     channel, sequence, stamp, published = MESSAGE_HEADER.unpack_from(body)
@@ -267,12 +276,15 @@ _LAYOUTS: dict[int, tuple[int, tuple[int, ...], int]] = {
     Opcode.SUMMARY_OFFSET: (17, (), 0),
     Opcode.DATA_END: (4, (), 0),
 }
-"""Layout of each record's body: size of the numbers at its start [B], size of the length field of
-each following text or data field [B], and size of the numbers at its end [B]."""
+"""Layout of the body of each record: size of all numbers at the start [B], size of the length of
+each following text or data field [B], and size of all numbers at the end [B]."""
 
 
 def extra_bytes(opcode: int, body: Bytes) -> int:
-    """Return the number of bytes after the known fields; ValueError if a field is missing."""
+    """Return the number of bytes after the last known field of a record.
+
+    Raises ValueError if a field is missing.
+    """
     head, lengths, tail = _LAYOUTS[opcode]
     fields = Fields(body)
     fields.take(head)
@@ -289,8 +301,8 @@ def extra_bytes(opcode: int, body: Bytes) -> int:
 class ChunkHead:
     """Head of a chunk record.
 
-    In the body of the record, the content begins at `begin` and has the size `packed` [B]. Its
-    size before compression is `uncompressed` [B].
+    The content of the chunk begins at byte `begin` of the body and has `packed` bytes. Before the
+    compression it had `uncompressed` bytes.
     """
 
     uncompressed: int
@@ -306,7 +318,7 @@ class ChunkHead:
 
 
 def parse_chunk_head(body: Bytes) -> ChunkHead:
-    """Return the head of a chunk from the body of its record; ValueError if it is invalid."""
+    """Return the head in the body of a chunk record. Raises ValueError if the head is invalid."""
     fields = Fields(body)
     _, _, uncompressed, crc = CHUNK_HEADER.unpack(fields.take(CHUNK_HEADER.size))
     codec = bytes(fields.sized())
@@ -318,7 +330,10 @@ def parse_chunk_head(body: Bytes) -> ChunkHead:
 
 
 def unpack(head: ChunkHead, packed: Bytes, most: int) -> tuple[Bytes, bool]:
-    """Return the records of a chunk, b'' above `most` bytes, and whether they are intact."""
+    """Return the decompressed records of a chunk, and whether they are intact.
+
+    If the records exceed `most` bytes, b'' and False are returned.
+    """
     if head.uncompressed > most:
         return b'', False
     records = packed
@@ -341,7 +356,10 @@ def records_in(data: Bytes) -> Iterator[tuple[int, int, Bytes]]:
 
 
 def messages_in(records: Bytes, strict: bool = True) -> Iterator[Message]:
-    """Yield messages; if one is too short, raise ValueError or, unless `strict`, skip it."""
+    """Yield the messages in records.
+
+    If a message is too short, raise ValueError if `strict` is set. Otherwise skip the message.
+    """
     for _, opcode, body in records_in(records):
         if opcode == Opcode.MESSAGE and (strict or len(body) >= MESSAGE_HEADER.size):
             yield parse_message(body)

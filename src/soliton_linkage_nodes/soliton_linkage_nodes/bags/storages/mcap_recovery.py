@@ -21,9 +21,10 @@ from soliton_linkage_nodes.bags.stored_topic import completed
 
 
 class _Chunk(NamedTuple):
-    """Chunk of a file, with its record at `offset` and the record's body at `begin` [B].
+    """Chunk of a file. Its record begins at `offset`, and the body of the record at `begin` [B].
 
-    `cut` is whether the file ends within the chunk, `rejected` a text about an exceeded limit.
+    `cut` is whether the file ends within the chunk. `rejected` describes an exceeded limit, or is
+    ''.
     """
 
     offset: int
@@ -34,7 +35,10 @@ class _Chunk(NamedTuple):
 
 
 class _Run(NamedTuple):
-    """Messages outside of chunks in the bytes [begin, end), `doubtful` directly after damage."""
+    """Messages outside of chunks in the bytes [begin, end).
+
+    They are `doubtful` if they directly follow damaged bytes.
+    """
 
     begin: int
     end: int
@@ -45,10 +49,9 @@ class RecoveredMcap(RecoveredFile):
     """Recovery of the intact messages and the topics of an MCAP file.
 
     After damaged bytes, the scan continues at the next bytes that look like the head of a record.
-    From a truncated chunk, all complete messages are recovered. Messages are doubtful if the
-    checksum of their chunk is wrong. In a file with chunks, messages outside of chunks are also
-    doubtful directly after damaged bytes. Doubtful messages are recovered only if `doubtful` is
-    set.
+    All complete messages in a truncated chunk are recovered. A message is doubtful if the checksum
+    of its chunk is wrong. If the file has chunks, a message outside of chunks is also doubtful if
+    it directly follows damaged bytes. Doubtful messages are recovered only if `doubtful` is set.
     """
 
     def _scan(self, path: Path) -> None:
@@ -119,7 +122,10 @@ class RecoveredMcap(RecoveredFile):
             self.report_damage('it does not end like an MCAP file')
 
     def _take(self, offset: int) -> int | None:
-        """Process a record; return the offset of the next one [B], None if it is invalid."""
+        """Process a record, and return the offset of the next record [B].
+
+        Returns None if the record is invalid.
+        """
         if len(self._data) - offset < mcap.RECORD_HEADER.size:
             return None
         opcode, size = mcap.RECORD_HEADER.unpack_from(self._data, offset)
@@ -209,8 +215,8 @@ class RecoveredMcap(RecoveredFile):
         end = begin + size
         channel = struct.unpack_from('<H', self._data, begin)[0]
         known = channel in self._unverified_channels or channel in self._channels
-        # The length counts as right if a record follows, or if the last message of this channel
-        # had the same length.
+        # The length counts as correct if a record follows the message, or if the previous message
+        # of this channel had the same length.
         following = self._data[end : end + 1]
         expected = self._sizes.get(channel) == size or not following or following[0] in KINDS
         fits = expected or _may_follow(self._data, end)
@@ -271,17 +277,17 @@ KINDS: Final = range(Opcode.HEADER, Opcode.DATA_END + 1)
 """Opcodes of the MCAP format. Other opcodes are allowed, and readers skip their records."""
 _IN_CHUNKS: Final = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
 LARGEST_CHUNK_HEAD: Final = 64
-"""Largest size of the head of a chunk [B]: 40 bytes of numbers, and the name of the codec."""
+"""Largest size of the head of a chunk [B]. The head has 40 bytes of numbers and a codec name."""
 _HEAD = re.compile(rb'[\x01-\x0f](?=.{5}\x00\x00\x00)', re.DOTALL)
-"""Pattern of the head of a record: an opcode, and a length below 2^40 bytes."""
+"""Pattern of the head of a record. It has an opcode and a length below 2^40 bytes."""
 _SHORTEST, _LONGEST = 4, 2**40
 """Smallest and largest plausible size of the body of a record [B]."""
 _WINDOW = 2**26
-"""The memory of a mapped file is released each time that this much of it was searched [B]."""
+"""Number of searched bytes after which the memory of the mapped file is released [B]."""
 
 
 def _may_follow(data: Bytes, offset: int) -> bool:
-    """Return whether a record, the magic bytes or the end of the file may be at `offset`."""
+    """Return whether a record, the magic bytes or the end of the file may follow at `offset`."""
     rest = data[offset : offset + mcap.RECORD_HEADER.size]
     if len(rest) < mcap.RECORD_HEADER.size:
         return not rest or bool(rest[0])
@@ -305,7 +311,7 @@ def next_record(data: memoryview, begin: int) -> int:
 
 
 def _is_record(data: Bytes, offset: int) -> bool:
-    """Return whether a valid record begins at `offset`; a chunk only needs a valid head."""
+    """Return whether a valid record begins at `offset`. Of a chunk, only the head is checked."""
     opcode, size = mcap.RECORD_HEADER.unpack_from(data, offset)
     begin = offset + mcap.RECORD_HEADER.size
     end = begin + size

@@ -18,18 +18,18 @@ from soliton_linkage_nodes.bags.storages.mcap_records import Channel, Opcode, Sc
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic
 
 _LARGEST_CHUNK = 2**20
-"""A chunk is written to the file when it exceeds this size [B]. Sensitivity: in a larger chunk, a
-damaged byte causes the loss of more messages; with smaller chunks, the file is larger."""
+"""Size above which a chunk is written to the file [B]. Sensitivity: at a larger size, a damaged
+byte causes the loss of more messages; at a smaller size, the file is larger."""
 
 
 class McapWriter:
     """Writer of an MCAP file that consists of chunks with checksums.
 
-    The definitions of all topics are repeated at intervals, so that messages stay readable if
-    another part of the file is lost. Every chunk contains a message, because MCAP C++ before 2.0.1
-    ignores the index if the first chunk has no message. If a write fails, OSError is raised, and
-    the file is truncated to its length before this write. `counts` maps topic numbers to numbers
-    of messages, and `span` contains the first and the last receive time [ns].
+    The writer repeats the definitions of all topics at intervals, so that messages stay readable
+    if another part of the file is lost. Every chunk contains a message, because MCAP C++ before
+    2.0.1 ignores the index if the first chunk has no message. If a write fails, the file is
+    truncated to its previous length, and OSError is raised. `counts` maps topic numbers to numbers
+    of messages, and `span` is the first and the last receive time [ns].
     """
 
     def __init__(self, path: Path, codec: str = '', definitions_interval: float = 10.0) -> None:
@@ -41,8 +41,7 @@ class McapWriter:
         self._file = path.open('xb', buffering=0)
         self._schemas: dict[tuple[str, str, str], Schema] = {}
         self._channels: dict[int, Channel] = {}
-        # The buffer is reused and never shrunk, because allocating memory takes longer than
-        # writing into it.
+        # Reuse the buffer and never shrink it, because allocation takes longer than writing.
         self._chunk = BytesIO()
         self._pending_definitions = bytearray()
         self._entries: defaultdict[int, list[int]] = defaultdict(list)
@@ -56,11 +55,11 @@ class McapWriter:
 
     @property
     def size(self) -> int:
-        """Size of the file [B], including the pending chunk unless chunks are compressed."""
+        """Size of the file [B]. It includes the pending chunk, unless chunks are compressed."""
         return self._end if self._codec else self._end + self._chunk.tell()
 
     def add_topic(self, topic: StoredTopic) -> None:
-        """Add a topic, whose messages can then be written."""
+        """Add a topic. This must precede the messages of the topic."""
         key = (topic.type_name, topic.definition_format, topic.definition)
         if any(key) and key not in self._schemas:
             definition = topic.definition.encode(errors='surrogateescape')
@@ -84,7 +83,10 @@ class McapWriter:
             self.flush()
 
     def flush(self) -> None:
-        """Pass pending messages to the operating system, to keep them if the process is killed."""
+        """Pass pending messages to the operating system.
+
+        They are then not lost if the process is killed.
+        """
         if not self._entries:
             if self._pending_definitions:
                 self._append(self._pending_definitions)
@@ -122,19 +124,19 @@ class McapWriter:
         self.span = (min(known), max(known))
 
     def discard(self) -> None:
-        """Discard the pending messages after a failed write, and do not count them."""
+        """Discard the pending messages after a failed write. `counts` does not include them."""
         for number, entries in self._entries.items():
             self.counts[number] -= len(entries) // 2
         self._begin_chunk()
 
     def add_metadata(self, name: str, texts: Mapping[str, str]) -> None:
-        """Write a metadata record, which is kept if the file is never closed."""
+        """Write a metadata record at once. It is readable even if the file is never closed."""
         record = mcap.metadata_record(name, texts)
         self._append(record)
         self._metadata.append((self._end - len(record), len(record), name))
 
     def copy_record(self, opcode: int, body: mcap.Bytes) -> None:
-        """Copy an MCAP record from another file without changes, for example an attachment."""
+        """Copy an MCAP record, for example an attachment, from another file without changes."""
         begin, head = self._end, mcap.RECORD_HEADER.pack(opcode, len(body))
         self._append(head, body)
         length = self._end - begin
@@ -144,7 +146,7 @@ class McapWriter:
             self._attachments.append(mcap.attachment_index_record(body, begin, length))
 
     def close(self, metadata: str) -> None:
-        """Write the pending messages, the bag's metadata and the index, and close the file."""
+        """Write the pending messages, the metadata of the bag and the index. Close the file."""
         self.flush()
         self.add_metadata('rosbag2', {'serialized_metadata': metadata})
         self._append(mcap.record(Opcode.DATA_END, bytes(4)) + self._summary())

@@ -22,11 +22,12 @@ from soliton_linkage_nodes.bags.stored_topic import StoredTopic, completed
 _LEAST_ROW = 4
 """Size of the shortest row of a table [B]. A file of n bytes therefore has at most n / 4 rows."""
 _PATIENCE = 4.0
-"""A search for a row may take this [s] plus the time for reading the whole file."""
+"""Longest search for a row, in addition to the time for reading the whole file [s]."""
 _SLOWEST_DISK = 20e6
-"""Assumed read rate of a disk [B/s], from which the time for reading the file is computed."""
+"""Assumed read rate of a slow disk [B/s]. It determines the time for reading the whole file."""
 _CHECK_EVERY = 20_000
-"""Number of SQLite instructions, less than 1 ms, between two checks of the time limit [1]."""
+"""Number of SQLite instructions between two checks of the time limit [1]. They take less than
+1 ms."""
 _LONGEST_SQL = 20_000
 """Longest accepted definition of a table [characters]. Definitions in bags have 200 characters."""
 
@@ -35,9 +36,9 @@ class Tables:
     """Read-only tables of a sqlite3 file. Methods raise sqlite3.Error if the file is damaged."""
 
     def __init__(self, path: Path, largest_value: int, damaged: bool = False) -> None:
-        """Open a file; values with more than `largest_value` bytes are read as None.
+        """Open a file. Values of more than `largest_value` bytes are read as None.
 
-        With `damaged`, a truncated file can also be opened.
+        If `damaged` is set, a truncated file can also be opened.
         """
         path = regular_file(path)
         self._largest = largest_value
@@ -70,7 +71,7 @@ class Tables:
         return self._database.execute(f'PRAGMA {text}').fetchall()
 
     def columns(self, table: str) -> list[str]:
-        """Return the names of the columns of a table, [] for views and other unusual tables."""
+        """Return the column names of a table; [] for views and other unusual tables."""
         self._restart_time_limit()
         query = 'SELECT type, rootpage FROM sqlite_master WHERE name = ? LIMIT 2'
         found = self._database.execute(query, (table,)).fetchall()
@@ -83,9 +84,9 @@ class Tables:
     def rows(
         self, table: str, columns: Sequence[str], rest: str = '', values: Sequence[object] = ()
     ) -> Iterator[tuple[Any, ...]]:
-        """Yield the values in the given columns for each row of a table.
+        """Yield the values of some columns for each row of a table.
 
-        `rest` is the end of the SELECT statement. Its placeholders receive the `values`.
+        `rest` is the last part of the SELECT statement. `values` replace the placeholders in it.
         """
         self._check(table, columns)
         quoted = ['"{}"'.format(name.replace('"', '""')) for name in columns]
@@ -102,13 +103,13 @@ class Tables:
             self._restart_time_limit()
 
     def counts(self, table: str, column: str) -> dict[Any, int]:
-        """For each value in a column, return the number of rows with this value."""
+        """Return the number of rows with each value of a column, by value."""
         self._check(table, [column])
         query = f'SELECT {column}, count(*) FROM {table} GROUP BY {column}'
         return dict(self._database.execute(query))
 
     def extremes(self, table: str, column: str) -> tuple[Any, Any]:
-        """Return the smallest and the largest value in a column, or None and None without rows."""
+        """Return the smallest and the largest value in a column. Without rows, both are None."""
         self._check(table, [column])
         found = [
             self._database.execute(f'SELECT {which}({column}) FROM {table}').fetchone()[0]
@@ -117,7 +118,7 @@ class Tables:
         return found[0], found[1]
 
     def topics(self) -> Iterator[tuple[Any, ...]]:
-        """Yield the fields of a `StoredTopic` for each topic, with unchecked types."""
+        """Yield the fields of a `StoredTopic` for each topic. Their types are not checked."""
         definitions: dict[Any, tuple[Any, Any]] = {}
         if self.columns('message_definitions'):
             columns = ('topic_type', 'encoding', 'encoded_message_definition')
@@ -132,7 +133,7 @@ class Tables:
             yield number, name, kind, text, encoding, digest, profiles, serialization
 
     def _check(self, table: str, columns: Sequence[str]) -> None:
-        """Raise sqlite3.Error unless a table has the given columns; restart the time limit."""
+        """Raise sqlite3.Error if a table lacks a column. Restart the time limit."""
         held = self.columns(table)
         if missing := [name for name in columns if name not in held]:
             raise sqlite3.DatabaseError(f'{table} is not a table with {", ".join(missing)}')
@@ -143,16 +144,16 @@ class Tables:
 
 
 _MOST_SELECTED = 500
-"""If more topics than this are requested [1], the rows of all topics are read."""
+"""Number of requested topics above which the rows of all topics are read [1]."""
 _TOPIC = ('id', 'name', 'type', 'serialization_format')
 _MESSAGE = ('topic_id', 'timestamp', 'data')
 
 
 class StoredSqlite:
-    """Reader of a sqlite3 file, in the order of the receive times.
+    """Reader of the messages of a sqlite3 file in the order of their receive times.
 
-    `topics`, `counts` and `span` are the same as of an `IndexedMcap`. The methods raise ValueError
-    or sqlite3.Error if the file is damaged.
+    `topics`, `counts` and `span` have the same meaning as in `IndexedMcap`. The methods raise
+    ValueError or sqlite3.Error if the file is damaged.
     """
 
     def __init__(self, path: Path, limits: BagLimits) -> None:
@@ -179,7 +180,10 @@ class StoredSqlite:
     def messages(
         self, topics: Collection[int], start: int | None, stop: int | None
     ) -> Iterator[Message]:
-        """Yield the messages of topics, given by number, with stamps in [start, stop) [ns]."""
+        """Yield the messages of the topics with these numbers and receive times in [start, stop).
+
+        `start` and `stop` are in [ns].
+        """
         numbers = list(topics) if len(topics) <= _MOST_SELECTED else []
         bounds = {'timestamp >= ?': start, 'timestamp < ?': stop}
         given = {clause: bound for clause, bound in bounds.items() if bound is not None}
@@ -207,7 +211,7 @@ def _checked_topic(fields: Sequence[Any]) -> tuple[int, StoredTopic]:
 class RecoveredSqlite(RecoveredFile):
     """Recovery of the messages of a sqlite3 file, row by row until SQLite reports an error.
 
-    Since such a file has no checksums, changed bytes in a message are not detected.
+    A sqlite3 file has no checksums. Therefore changed bytes in a message are not detected.
     """
 
     def _scan(self, path: Path) -> None:
@@ -266,9 +270,10 @@ class RecoveredSqlite(RecoveredFile):
 
 
 def _with_journal(path: Path, folder: Path, excess: int = 0) -> Path:
-    """Return `path`, or a copy in `folder` if the file has a journal or `excess` bytes.
+    """Return the path of a file that SQLite can open without its journal.
 
-    The copy contains the changes in the journal and lacks the `excess` bytes at the end.
+    This is `path` itself or, if the file has a journal or `excess` bytes, a copy in `folder`. The
+    copy contains the changes in the journal and lacks the last `excess` bytes.
     """
     journals = [Path(f'{path}{end}') for end in ('-journal', '-wal')]
     present = [each for each in journals if each.is_file() and each.stat().st_size]
@@ -279,7 +284,7 @@ def _with_journal(path: Path, folder: Path, excess: int = 0) -> Path:
         with open_file(source, path.parent) as held, (folder / source.name).open('wb') as out:
             shutil.copyfileobj(held, out)
             if source.name.endswith('-journal'):
-                # Clear the end of the journal. If the end contained the name of another file,
+                # Clear the last bytes of the journal. If they contained the name of another file,
                 # SQLite would delete that file.
                 out.write(bytes(8))
             elif source == path and excess:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Messages of bag files, and the base class for recovery of damaged files."""
+"""Message of a bag file, and base class for the recovery of damaged files."""
 
 from __future__ import annotations
 
@@ -12,13 +12,14 @@ from soliton_linkage_nodes.bags.guards import DEFAULT_LIMITS, BagLimits
 from soliton_linkage_nodes.bags.stored_topic import StoredTopic
 
 LAST_STAMP = 2**63 - 1
-"""Largest stamp that fits into a signed 64-bit integer [ns since 1970]; it is in the year 2262."""
+"""Largest stamp in a signed 64-bit integer [ns since 1970]. It lies in the year 2262."""
 
 
 class Message(NamedTuple):
-    """Message of a bag, with receive time `stamp` and publish time `published` [ns].
+    """Message of a bag.
 
-    `topic` is the number of its topic.
+    `topic` is the number of the topic. `stamp` is the receive time and `published` the publish
+    time [ns].
     """
 
     topic: int
@@ -32,16 +33,19 @@ class RecoveredFile(ABC):
     """Recovery of all intact messages of a bag file that may be damaged.
 
     `topics` maps the topic numbers in the file to topics. `damage` contains a line of text for
-    each damaged part. `lost` is the number of messages that cannot be read, and `unverified` the
+    each damaged part. `lost` is the number of messages that cannot be read. `unverified` is the
     number of messages without a checksum. `stated` is the number of messages according to the
-    statistics in the file, 0 without statistics. `records` contains opcode and body of the records
-    that a recovered bag must also contain.
+    statistics in the file, or 0 without statistics. `records` contains opcode and body of other
+    records that must be copied to the recovered bag.
     """
 
     def __init__(
         self, path: Path, doubtful: bool = False, limits: BagLimits = DEFAULT_LIMITS
     ) -> None:
-        """Read all but the messages; with `doubtful`, wrong checksums of messages are ignored."""
+        """Read the file without its messages.
+
+        If `doubtful` is set, wrong checksums of messages are ignored.
+        """
         self.topics: dict[int, StoredTopic] = {}
         self.custom_data: dict[str, str] = {}
         self.damage: list[str] = []
@@ -76,7 +80,7 @@ class RecoveredFile(ABC):
             self.report_damage(f'the index lists {missing} more messages than the file', missing)
 
     def report_damage(self, damage: str, lost: int = 0) -> None:
-        """Add the description of a damaged part, in which `lost` messages cannot be read."""
+        """Add the description of a damaged part. `lost` messages in it cannot be read."""
         self.damage.append(damage)
         self.lost += lost
 
