@@ -132,7 +132,7 @@ class JointRecord:
         self._tilts.append((received, tilt))
 
     def readings(self, gravity: Gravity = NO_GRAVITY) -> readings.Readings:
-        """Return the recordings in the form that an identification needs.
+        """Return the record in the form that an identification needs.
 
         `gravity` contains the gravitational acceleration, and the tilt before the first stored
         tilt.

@@ -28,7 +28,7 @@ _MEANINGS = {
 def write_parameters(
     found: Identification, joint_names: Sequence[str], source: str, path: Path
 ) -> None:
-    """Write the parameter file of an identified chain. Its first line names the `source`."""
+    """Write the parameter file of an identified chain. Its first line contains `source`."""
     path.write_text('\n'.join(_lines(found, joint_names, source)) + '\n', encoding='utf-8')
 
 

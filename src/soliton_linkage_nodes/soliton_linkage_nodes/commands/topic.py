@@ -17,8 +17,8 @@ from soliton_linkage_nodes.runtime.interfaces import Topic
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription
 
 _QOS = QoSProfile(depth=1000)
-"""Requested quality of service. If a publisher offers only best effort, the subscription uses best
-effort."""
+"""Quality of service that `echo` and `hz` request. If a publisher offers only best effort, they
+use best effort."""
 _LINGER = 0.1
 """The publisher exists for this time after the last message [s], so that the message still leaves
 the process."""

@@ -21,10 +21,10 @@ class LatestFrames:
     """Last two messages of joint states. A message is decoded only if it is needed."""
 
     def __init__(self, longest: float, watch: Callable[[int, Array], None]) -> None:
-        """Reject frames if the latest message arrived more than `longest` [s] ago.
+        """Create a store without frames.
 
-        When a frame is read for the first time, `watch` is called with its stamp [ns] and angles
-        [rad].
+        A frame is rejected if the latest message arrived more than `longest` [s] ago. When a frame
+        is read for the first time, `watch` is called with its stamp [ns] and angles [rad].
         """
         self.freshness = Freshness(longest)
         self.taken = 0
@@ -61,11 +61,11 @@ class LatestFrames:
 
     @property
     def stamp_before(self) -> int | None:
-        """Stamp of the second latest frame [ns], or None if fewer than two frames have arrived."""
+        """Stamp of the frame before the latest one [ns], or None if there is no such frame."""
         return None if self._previous is None else self._decoder.stamp(self._previous)
 
     def period(self, stamp: int) -> float | None:
-        """Return the time [s] from the second latest frame to `stamp` [ns].
+        """Return the time [s] from the frame before the latest one to `stamp` [ns].
 
         Returns None if there is no such frame, or if `stamp` is not later than this frame.
         """

@@ -104,7 +104,7 @@ class BagBatch:
 
 
 def summary(states: Iterable[dict[str, str]]) -> list[str]:
-    """Return the columns `motion` to `mean noise [rad]` of one bag for bags.csv.
+    """Return the cells of one bag in the columns `motion` to `mean noise [rad]` of bags.csv.
 
     `states` contains the rows of the bag's soliton_state.csv.
     """

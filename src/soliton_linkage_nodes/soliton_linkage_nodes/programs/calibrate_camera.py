@@ -24,8 +24,8 @@ from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 
 _PICTURES = ('.jpg', '.jpeg', '.png', '.tif', '.tiff', '.bmp')
 _STRIDE = 10
-"""One picture out of this number of pictures of a film is searched for the board [1], because a
-search takes 0.1 s."""
+"""Only every tenth picture of a film is searched for the board [1], because a search takes 0.1
+s."""
 _BOARD = {
     '--columns': (Quantity('columns of inner corners', '', 2, 100), 8, int),
     '--rows': (Quantity('rows of inner corners', '', 2, 100), 5, int),

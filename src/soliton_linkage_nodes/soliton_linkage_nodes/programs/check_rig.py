@@ -192,7 +192,8 @@ class CheckRig(Node):
     def joint_names(self) -> tuple[str, ...]:
         """Names of the joints of the rig, in the order of the rotors.
 
-        If the chain is unknown, the names come from the parameter or else from the first message.
+        If the chain is unknown, the names come from the parameter `joint_names`. If this parameter
+        is empty, they come from the first message.
         """
         if self.named is not None:
             return self.named.joint_names

@@ -112,7 +112,10 @@ def ros_client(program: str) -> Iterator[threading.Event]:
 
 
 def message_progress(title: str) -> tuple[ProgressLine, Callable[[int, int], None]]:
-    """Return a progress line, and a function that shows the processed and expected messages."""
+    """Return a progress line, and a function that updates it.
+
+    The arguments of this function are the number of processed messages and the expected number.
+    """
     progress, begun = ProgressLine(title, 0), time.monotonic()
 
     def show(done: int, expected: int) -> None:

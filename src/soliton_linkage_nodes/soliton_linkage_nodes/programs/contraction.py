@@ -42,12 +42,13 @@ from soliton_linkage_studies.program import installed_settings
 from soliton_linkage_studies.settings import load_settings
 
 _RATE = 250.0
-"""Frame rate of a recording [Hz], so that each wall has about 1500 frames."""
+"""Frame rate of a recording [Hz]. During 6 s, 1500 frames of a wall are recorded."""
 _SECONDS = 6.0
 """Duration of a recording [s]."""
 _WAY = 0.8
-"""A recording covers this fraction of the time of the same passage in the simulated study [1],
-both in time units of the chain. The wall therefore does not reach the far edge."""
+"""A recording lasts this fraction of the duration of the same passage in the simulated study [1].
+Both durations are counted in time units of the chain. The wall therefore does not reach the far
+edge."""
 _POLL_INTERVAL = 0.1
 """Poll interval while waiting for the end of the program nudge [s]."""
 _UNLIMITED = 1e6

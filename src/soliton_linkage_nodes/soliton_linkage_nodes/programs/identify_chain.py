@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Estimate the lengths of rotors, spacings and springs from bags, with standard deviations.
 
-All bags must contain the same chain, and a soliton must pass through it in each bag; the tilt may
-differ. The program writes the parameter file chain.yaml, the table lengths.csv, and a report with
-the residuals of each bond.
+All bags must be recordings of the same chain. In at least one bag, a soliton must pass all rotors.
+The tilt may differ between bags. The program writes the parameter file chain.yaml, the table
+lengths.csv, and a report with the residuals of each bond.
 """
 
 from __future__ import annotations
@@ -181,7 +181,7 @@ def read_joints(
 
     The joint names come from the chain `known` or, if it is None, from the bag. `span` contains
     the earliest and the latest time of the frames to use, relative to the first frame [s]. The
-    result has at most `most_frames` frames. Raises ValueError if it would have fewer than 50.
+    result has at most `most_frames` frames. Raises ValueError if fewer than 50 frames can be used.
     """
     record = JointRecord(known.joint_names if known else (), most_frames)
     adders: dict[str, Callable[[Any, int], None]] = {

@@ -34,8 +34,8 @@ _SPEED = Quantity('largest speed of the move, 0 for automatic', 'rotor spacings/
 _WAIT = Quantity('longest wait for soliton_steering to be ready', 's', 0.0, 3600.0)
 """Longest wait until soliton_steering is ready, at most one hour."""
 _LONGEST_WAIT = 5.0
-"""Default of the longest wait until soliton_steering is ready, and longest wait for its answer to
-the goal [s]."""
+"""Default time limit for soliton_steering to become ready, and time limit for its answer to a goal
+[s]."""
 _LONGEST_SILENCE = 3.0
 """If no feedback arrives for this time, soliton_steering counts as stopped [s]."""
 _CANCEL_TIME = 0.3
@@ -125,7 +125,7 @@ class MoveClient(WaitingNode):
 
 
 def progress_of(on_the_way: MoveSoliton.Feedback) -> str:
-    """Return a text with the position and speed of the soliton, and any known phonon energy."""
+    """Return a text with the position and speed of the soliton, and the phonon energy if known."""
     text = f'rotor {on_the_way.rotor:5.1f}  {on_the_way.speed:+6.2f} rotors/s'
     phonons = on_the_way.phonon_energy
     return f'{text}  {phonons:.1e} J in phonons' if math.isfinite(phonons) else text

@@ -30,7 +30,8 @@ _SPEED = Quantity('speed of the kick along the zero mode, positive away from the
 _TIMEOUT = Quantity(
     'longest wait for the actuator, and afterwards for its answer', 's', 0.0, 3600.0
 )
-"""Longest wait for the actuator, and again for its answer after the nudge."""
+"""Time limit for an actuator to become ready. It is also the time limit for the answer to the
+nudge."""
 _SUBSCRIBERS = Quantity('subscribers to wait for, 2 with actuator and recorder', minimum=1)
 """Before the nudge, the topic must have this number of subscribers, including the actuator."""
 _LONGEST_WAIT = 5.0

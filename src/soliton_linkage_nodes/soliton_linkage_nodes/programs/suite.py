@@ -38,7 +38,8 @@ NODES = {
 _SERIAL = 'serial_encoders'
 _PARAMETER_OPTIONS = ('-p', '--param')
 _CHAIN_SOURCE = ('-p', f'{_SERIAL}:chain_from:=parameters')
-"""Default for serial_encoders, which then publishes the chain that its parameters describe."""
+"""Default arguments, with which serial_encoders publishes the chain that its parameters
+describe."""
 _EXPONENT = re.compile(r'[-+]?\d+(\.\d*)?[eE][-+]?\d+')
 _NAMESPACE_RULE = '__ns:='
 _JOINT_PREFIX = 'torque_limits.'

@@ -43,7 +43,8 @@ _UPRIGHT = 1 / 3
 """Rotors are drawn upright if the sine of their angle is below this fraction of its value in the
 uniform state [1]."""
 _DEPTH = 10
-"""Queue depth of joint_states [messages], because a frame may consist of several messages."""
+"""Queue depth of joint_states [messages]. It exceeds 1 because a frame may consist of several
+messages."""
 _FEWEST = 10
 """Smallest number of rotor marks in the line, even if the remark is long [1]."""
 
@@ -125,7 +126,7 @@ class ChainLine:
             self._line.note(f'rejected chain: {error}')
 
     def use(self, named: NamedChain) -> None:
-        """Set the chain to draw; ValueError if the joint names of the parameter do not fit it."""
+        """Set the chain to draw; ValueError if the given joint names do not fit the chain."""
         named = with_joints(named, self._joint_names)
         self._chain = (named, FrameReader(named.joint_names, named.encoder_offsets))
         self._frames.set_joints(named.joint_names)

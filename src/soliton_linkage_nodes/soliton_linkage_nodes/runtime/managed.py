@@ -38,8 +38,8 @@ class ManagedNode(GuardedNode, LifecycleNode):
     A subclass lists its parameters in `PARAMETERS` and overrides `configure`, `activate`,
     `deactivate` and `cleanup`. After `cleanup`, the node destroys the topics, timers and services
     that were created since `configure` began. If `configure` or `activate` raises an error, the
-    node logs the error and keeps its previous state. At a start with the parameter `autostart`,
-    the constructor raises this error instead.
+    node logs the error and keeps its previous state. If the parameter `autostart` is true, the
+    constructor raises this error instead.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {}

@@ -26,7 +26,10 @@ class Notice(NamedTuple):
 
 
 def resolve_path(argument: str, value: str, known: Mapping[str, Path]) -> Path:
-    """Return `known[value]` or else the path `value`; ValueError if the path does not exist."""
+    """Return the path `known[value]`, or `value` as a path if it is no key of `known`.
+
+    Raises ValueError if the path does not exist. `argument` is named in the text of the error.
+    """
     path = known.get(value, Path(value))
     if not path.exists():
         raise ValueError(

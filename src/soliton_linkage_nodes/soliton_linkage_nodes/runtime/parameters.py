@@ -121,7 +121,7 @@ def _convert(kind: Parameter.Type, value: Any) -> Any:
 
 
 def type_complaint(kind: Parameter.Type, value: Any) -> str:
-    """Return '' if a value has the type `kind`, otherwise a text such as 'must be a text'."""
+    """Return a text such as 'must be a number' if a value has the wrong type, otherwise ''."""
     fits = kind.check(value) and (kind is Parameter.Type.BOOL or not isinstance(value, bool))
     return '' if fits else f'must be {_EXAMPLES[kind]}'
 

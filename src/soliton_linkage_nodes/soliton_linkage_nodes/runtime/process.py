@@ -36,7 +36,7 @@ _SHARE_OF_PERIOD = 0.1
 _SHORTEST_INTERVAL = 1e-4
 """Shortest switch interval of the interpreter [s], well above the few microseconds of a switch."""
 _MIXED = 'Sequence should be of same type'
-"""Part of rcl's error message for a list of integers and floats, such as [1, 0.5]."""
+"""Part of rcl's error message for a list that mixes integers and floats, such as [1, 0.5]."""
 _LONGEST_WAIT = 0.1
 """Length of a slice of spinning [s], after which the process checks for a signal."""
 
@@ -138,15 +138,15 @@ def run(create_node: Callable[[], Node]) -> None:
 
     The spinning ends when the attribute `finished` of a node is true or its attribute `failure` is
     an error; both attributes are optional. A callback must store an error in `failure` instead of
-    raising it, because executors print a traceback of a raised error. Exit codes: 0, 1 after a
-    failure, 2 for an unknown argument.
+    raising it, because executors print a traceback of a raised error. The exit code is 0, 1 after
+    a failure, or 2 if an argument is unknown.
     """
     check_arguments(create_node, sys.argv[1:])
     run_together([create_node], sys.argv)
 
 
 def run_together(constructors: Sequence[Callable[[], Node]], arguments: list[str]) -> None:
-    """Create nodes and spin all of them in this process, with the ends and exit codes of `run`."""
+    """Create nodes, spin all of them in this process, and end the process as `run` does."""
     stopping = stop_on_signals()
     code = 0
     try:

@@ -86,7 +86,10 @@ class MissedStarts:
         return sum(count for count, each in before if count * each.period <= each.elapsed)
 
     def add(self, number: int, sent: int, elapsed: int) -> None:
-        """Record a publisher's first message, with source time and time since subscribing [ns]."""
+        """Record the first received message of a publisher.
+
+        `sent` is its source time, and `elapsed` the time since the subscription [ns].
+        """
         if number > 1:
             self._newcomers.append(_Newcomer(number, sent, elapsed))
 
@@ -235,8 +238,8 @@ class _Share:
 
 
 _ABSENCE = 5.0
-"""When new parts arrive, publishers whose parts have not arrived for this time [s] are
-discarded."""
+"""When a message with new parts arrives, publishers whose own parts have not arrived for this time
+[s] are discarded."""
 
 
 class StreamArbitration:
@@ -304,7 +307,7 @@ class Lag:
     def too_long(self, sent: int) -> bool:
         """Add a message with source time `sent` [ns]; return whether the lag is too long.
 
-        The lag is too long if it has stayed at or above `longest` for more than the time `longest`
+        The lag is too long if it has been at least `longest` for longer than the time `longest`
         [s].
         """
         now = time.monotonic()

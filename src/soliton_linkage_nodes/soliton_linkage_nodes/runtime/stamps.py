@@ -25,7 +25,7 @@ def time_from_msg(stamp: Time) -> int:
 
 
 def nanoseconds_of(clock: Clock) -> int:
-    """Return the time of a clock [ns], faster than `Clock.now`, which creates two objects."""
+    """Return the time of a clock [ns]. `Clock.now` would be slower: it creates two objects."""
     handle = clock.handle
     with handle:
         return int(handle.get_now().nanoseconds)

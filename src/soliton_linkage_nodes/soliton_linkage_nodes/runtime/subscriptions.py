@@ -87,7 +87,10 @@ class AdaptiveSubscription:
 
     @property
     def changed(self) -> bool:
-        """Whether publishers have come or gone since the last query. The node is a GuardedNode."""
+        """Whether publishers have come or gone since the last query.
+
+        Only subscriptions of a GuardedNode can detect this.
+        """
         changed = False
         for event in self._events:
             with event:
@@ -187,7 +190,7 @@ def _same_offer(one: QoSProfile, other: QoSProfile) -> bool:
 
 
 def create_inbox(owner: Node) -> Node:
-    """Create a node for subscriptions without an executor, whose messages `owner` takes itself."""
+    """Create a node without an executor, for subscriptions whose messages `owner` takes itself."""
     return rclpy.create_node(
         f'_{owner.get_name()}_inbox',
         namespace=owner.get_namespace(),
@@ -211,8 +214,8 @@ class StreamSubscription:
 
     Publishers that send different parts of the stream, such as different joints, are all used. If
     several publishers send the same parts, the first one is used until it becomes silent.
-    Diagnostics state the number of publishers and of lost messages. If the lag has stayed at or
-    above `longest_lag` for more than the time `longest_lag` [s], the node skips all waiting
+    Diagnostics state the number of publishers and of lost messages. If the node lags behind a
+    publisher by at least `longest_lag` for longer than `longest_lag` [s], it skips all waiting
     messages except the newest.
     """
 

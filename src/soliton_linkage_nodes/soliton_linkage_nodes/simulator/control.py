@@ -20,7 +20,8 @@ _LEAST_PROGRESS = 1e-3
 """A reset is rejected if less than this fraction of the first frame is computed within
 `longest_trial` [1]."""
 _MOST_KICKS = 10_000
-"""Largest number of kicks that may wait for the next frame [1], about as many as arrive in 1 s."""
+"""Largest number of kicks that may wait for the next frame [1], about as many as can arrive in 1
+s."""
 
 
 @dataclass(frozen=True)

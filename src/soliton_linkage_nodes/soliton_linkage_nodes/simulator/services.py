@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Services that pause, step and reset a simulation, also with types of simulation_interfaces."""
+"""Services that pause, step and reset a simulation: of this suite and of simulation_interfaces."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Soliton analyser, which estimates solitons, topology, energies and orbit phase of frames."""
+"""Soliton analyser, which estimates solitons, topology, energies and orbit phase of each frame."""
 
 from __future__ import annotations
 
@@ -155,7 +155,7 @@ class SolitonAnalyser(ManagedNode):
             act(serialized)
 
     def take(self, serialized: bytes) -> None:
-        """Analyse joint states and publish the result, or store them until the chain is known."""
+        """Analyse joint states and publish the result; store them if the chain is unknown."""
         # Impulses and standard deviations must be processed before the frame to which they belong,
         # but messages of different topics arrive in any order.
         if self.settings.stamps == 'arrival':
@@ -165,7 +165,7 @@ class SolitonAnalyser(ManagedNode):
         self._act_or_wait(self._analyse, serialized)
 
     def _act_or_wait(self, act: Callable[[bytes], None], serialized: bytes) -> None:
-        """Call `act` with a message, or store it until the chain is known."""
+        """Call `act` with a message; store the message if the chain is still unknown."""
         chain_may_come = self._source.parameters.chain_from != 'nowhere'
         if self._analysis.analyser is None and chain_may_come:
             self.waiting.append((act, serialized))
@@ -264,8 +264,8 @@ _CONTRADICTION_CONFIDENCE = 0.999
 def describe(analysis: JointStateAnalysis, misfit_limit: float) -> tuple[str, bool]:
     """Return a text about the state of the analysis, and whether it is a warning.
 
-    The text warns of a misfit that exceeds `misfit_limit` [rad] and the possible effect of noise
-    and phonons.
+    A warning reports, for example, a misfit that exceeds `misfit_limit` [rad] and that noise and
+    phonons cannot explain.
     """
     analyser, latest = analysis.analyser, analysis.latest
     if analyser is None or latest is None:

@@ -34,8 +34,8 @@ class MoveServer(ActionServer):
     ) -> None:
         """Create the server.
 
-        The server calls `take` with each accepted goal. If a client cancels a goal, it calls
-        `cancel`.
+        The server calls `take` with each accepted goal, and `cancel` with each goal that a client
+        cancels.
         """
         name, calls = interfaces.MOVE_SOLITON, {'handle_accepted_callback': self._take}
         super().__init__(

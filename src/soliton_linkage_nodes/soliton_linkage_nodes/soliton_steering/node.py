@@ -80,7 +80,7 @@ class SteeredChain:
         return math.nan if self.steering.wall is None else self.steering.wall.site
 
     def reset(self) -> None:
-        """Discard all frames received so far; not allowed while a soliton is moved or held."""
+        """Discard all frames received so far. Call it only while no soliton is moved or held."""
         self.steering.reset()
         self.phonons = PhononEnergyEstimator(self.steering.orbit)
 

@@ -115,7 +115,7 @@ class Experiment:
         self._report = import_module(_REPORT)
 
     def _serve_page(self) -> bool:
-        """Print the address of the live page, or why it failed; return whether it runs."""
+        """Print the address of the live page, or why it has failed; return whether it runs."""
         deadline = time.monotonic() + START_LIMIT
         try:
             while not self._processes.wait(_PAGE, _QUIET) and time.monotonic() < deadline:

@@ -53,7 +53,8 @@ class PositionErrors:
     """Standard deviation of the angle errors, after the mean error of each rotor is subtracted
     [rad]."""
     stated_angle_noise: float
-    """Median of the standard deviations that the measurement states for the angles [rad]."""
+    """Median of the standard deviations that the camera measurement reports for the angles
+    [rad]."""
     frames: int
     error: float
     """Error of the position that an analyser with the identified chain estimates."""

@@ -97,7 +97,7 @@ class Observer(Node):
         return self.reports[node].figures if node in self.reports else {}
 
     def well(self, node: str) -> bool:
-        """Return whether a node has reported and its latest report is no warning or error."""
+        """Return whether a node has reported, and its last report is neither warning nor error."""
         return node in self.reports and self.reports[node].ok
 
     def _on_chain(self, message: Any) -> None:

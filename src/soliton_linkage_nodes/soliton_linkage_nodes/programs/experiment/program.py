@@ -36,7 +36,7 @@ from soliton_linkage_nodes.start import INTERRUPTED
 _FILMED = 'filmed_experiment'
 _WRITTEN = '.written'
 """Name of a file in the folder of results. The file lists all results, so that the next experiment
-can delete them."""
+in this folder can delete them."""
 
 
 def main() -> None:

@@ -153,7 +153,7 @@ def _rate(received: list[int]) -> float:
 def _walls(
     states: list[SolitonState], first: int, nudged: float
 ) -> tuple[Array, list[tuple[AnalysedSoliton, ...]]]:
-    """Return the times relative to the nudge [s] and the walls of the states that are drawn."""
+    """Return the times of the drawn states relative to the nudge [s], and their walls."""
     stamps = [time_from_msg(state.header.stamp) - first for state in states]
     times = np.array(stamps, dtype=np.float64) * 1e-9 - nudged
     kept = np.flatnonzero(times >= -_BEFORE_NUDGE)
