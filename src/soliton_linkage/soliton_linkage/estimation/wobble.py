@@ -258,14 +258,17 @@ class Wobble(NamedTuple):
         uniform state. The rotor is selected in a wall at rest, on the side with the larger
         overshoot. For a lean ratio d > 1 it is the rotor that leans most; for d <= 1 it is the
         nearest rotor in the uniform state.
-    amplitude_deviation: standard deviation of the amplitude [m]. rest_amplitude: overshoot of the
-    same rotor for a wall at rest [m]. tail_ratio: deviation of a rotor in a tail, divided by the
-    deviation of its inner neighbour [1]. tail_ratio_deviation: standard deviation of the tail
-    ratio [1]. decay_length: distance over which the tails decrease by a factor e [m].
-    decay_length_deviation: standard deviation of the decay length [m]. wavelength: twice the mean
-    distance between successive zeros of the tails [m]. wavelength_deviation: standard deviation of
-    the wavelength [m]. exact_decay_length: penetration depth ell, the decay length by theory [m].
-    exact_wavelength: wavelength by theory [m]: 2 a for d > 1, else infinite.
+    amplitude_deviation: standard deviation of the amplitude [m].
+    rest_amplitude: overshoot of the same rotor for a wall at rest [m].
+    tail_ratio: deviation of a rotor in the tails, divided by the deviation of its neighbour nearer
+        to the wall [1].
+    tail_ratio_deviation: standard deviation of the tail ratio [1].
+    decay_length: distance over which the tails decrease by a factor e [m].
+    decay_length_deviation: standard deviation of the decay length [m].
+    wavelength: twice the mean distance between successive zeros of the tails [m].
+    wavelength_deviation: standard deviation of the wavelength [m].
+    exact_decay_length: decay length by theory, the penetration depth ell [m].
+    exact_wavelength: wavelength by theory [m]; 2 rotor spacings for d > 1, otherwise infinite.
     """
 
     amplitude: float

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Estimate of the phonon energy from the rates, valid in chains with unmodelled deviations.
+"""Estimate of the phonon energy from the rates, also valid in chains with unmodelled disorder.
 
-The rates orthogonal to the tangent t of the orbit are due to phonons and noise. On average, half
-of the energy of phonons is kinetic. Therefore,
+Phonons and noise cause the component of the rates phi_dot that is orthogonal to the tangent t of
+the orbit. On average, half of the energy of phonons is kinetic. Therefore this energy is
 
     E = < I |phi_dot - t (t^T phi_dot)|^2 > - I (N - 1) sigma^2
 
-with the average < > over time, the rates phi_dot and the moment of inertia I of a rotor. The
-variance of third differences of the rates in successive frames is 20 sigma^2.
+with the average < > over time, the moment of inertia I of a rotor, the number N of rotors, and the
+standard deviation sigma of the noise of a rate. To estimate sigma, third differences of the rates
+in successive frames are used; the variance of such a difference is 20 sigma^2.
 """
 
 from __future__ import annotations
@@ -46,7 +47,8 @@ class PhononEnergyEstimator:
         """Add a frame: time [s], rates [rad/s], (N,), and arc length of the wall [rad].
 
         If the frame is earlier than the previous one by more than the averaging time, the estimate
-        restarts with it. Other frames that are not later than the previous one are ignored.
+        restarts with this frame. Other frames that are not later than the previous one are
+        ignored.
         """
         if time < self._time - self._memory:
             self._rates.clear()

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reference trajectories of a wall along the orbit, and their adiabatic speed limit.
 
-A wall with the rate w = ds/dt of its arc length exerts the force I w^2 t_n'(s) on rotor n with the
-moment of inertia I. The force is orthogonal to the orbit, whose tangent t has the Fourier
-components t_n(q) = int t_n e^(iqs) ds. A component radiates phonons if its frequency q w exceeds
-the phonon gap omega_0. It then radiates about the fraction |q t_n(q)|^2 of the energy of the wall.
+Let w = ds/dt be the rate of the arc length s of a wall, t(s) the tangent of the orbit, and I the
+moment of inertia of a rotor. The wall exerts the force I w^2 t_n'(s) on rotor n. This force is
+orthogonal to the orbit. The tangent has the Fourier components t_n(q) = int t_n e^(iqs) ds. A
+component radiates phonons if its frequency q w exceeds the phonon gap. It then radiates about the
+fraction |q t_n(q)|^2 of the energy of the wall.
 """
 
 from __future__ import annotations
@@ -21,11 +22,11 @@ from soliton_linkage.orbit.orbit import Orbit
 from soliton_linkage.steering.settings import DEFAULTS, SteeringSettings
 
 _SAMPLES = 2048
-"""Number of samples of t_n(s) [1]; t_n(q) has decayed to 0 at the highest q."""
+"""Number of samples of t_n(s) [1], so large that t_n(q) is almost 0 at the highest q."""
 _PEAK = 15 / 8
 """Ratio of the largest rate to the mean rate of a trajectory from rest to rest [1]."""
 _EXTENSION = 1.1
-"""The duration is repeatedly multiplied by this, until the trajectory is slow enough [1]."""
+"""Ratio of each tried duration of a trajectory to the previous one [1]."""
 
 
 class ReferencePoint(NamedTuple):
@@ -38,10 +39,11 @@ class ReferencePoint(NamedTuple):
 
 @dataclass(frozen=True)
 class ReferenceTrajectory:
-    """Reference of the arc length s: a polynomial of degree five in time, constant after its end.
+    """Reference of the arc length s of a wall: a polynomial of degree five in time.
 
     s = sum_j c_j x^j with the `coefficients` c_0 to c_5 [rad] and x = (time - start) / duration,
-    limited to the range from 0 to 1. `start` and `duration` have the unit s.
+    limited to the range from 0 to 1, so that s is constant after the end. `start` and `duration`
+    have the unit s.
     """
 
     start: float
@@ -101,13 +103,13 @@ def adiabatic_rate(orbit: Orbit, settings: SteeringSettings = DEFAULTS) -> float
         passages[inside, sample] = about.tangent[within[inside]]
     step = float(arcs[1] - arcs[0])
     numbers = 2 * math.pi * np.fft.rfftfreq(_SAMPLES, step)
-    # In a short chain the tangent is not 0 at the ends of the sampled range. Without the window,
-    # these jumps would add spurious high frequencies to the spectrum.
+    # In a short chain, the tangent is not 0 at the ends of the sampled range. Without the window,
+    # the jumps at the ends would add spurious high frequencies to the spectrum.
     spectrum = np.fft.rfft(passages * np.hanning(_SAMPLES))
     shares = (np.abs(spectrum) * step * numbers) ** 2
     radiating = np.flatnonzero(shares.max(axis=0) > settings.radiated_share)
-    # The spectrum of a wall that jumps from rotor to rotor may exceed the limit at every wave
-    # number. The largest wave number is used then.
+    # The spectrum of a wall that jumps from rotor to rotor may exceed the limit at all wave
+    # numbers. In this case, the largest wave number is used.
     first_quiet = min(max(radiating, default=0) + 1, len(numbers) - 1)
     return settings.adiabatic_fraction * gap(orbit.chain) / float(numbers[first_quiet])
 
@@ -115,8 +117,8 @@ def adiabatic_rate(orbit: Orbit, settings: SteeringSettings = DEFAULTS) -> float
 def bandwidth(orbit: Orbit, period: float, settings: SteeringSettings = DEFAULTS) -> float:
     """Return the bandwidth of the feedback [rad/s]; `period` is the frame period [s] or NaN.
 
-    It is far below the phonon gap, so that noise excites few phonons, and far below the frame
-    rate, so that late frames do not destabilise the feedback.
+    The bandwidth is far below the phonon gap, so that noise excites few phonons. It is also far
+    below the frame rate, so that late frames do not destabilise the feedback.
     """
     limit = settings.bandwidth_share * gap(orbit.chain)
     return limit if math.isnan(period) else min(limit, settings.bandwidth_step / period)
@@ -125,10 +127,10 @@ def bandwidth(orbit: Orbit, period: float, settings: SteeringSettings = DEFAULTS
 def trajectory_to(
     goal: float, start: float, point: ReferencePoint, rate: float, shortest: float
 ) -> ReferenceTrajectory:
-    """Return a trajectory from a reference point at `start` [s] to rest at an arc length [rad].
+    """Return a trajectory from a reference point at `start` [s] to rest at `goal` [rad].
 
-    The duration is `shortest` [s], or longer if the largest rate would otherwise exceed both
-    `rate` [rad/s] and the initial rate of `point`.
+    The duration is at least `shortest` [s]. It is so long that the largest rate exceeds neither
+    `rate` [rad/s] nor, if that is larger, the initial rate of `point`.
     """
     duration = max(shortest, _PEAK * abs(goal - point.arc) / rate)
     limit = max(rate, abs(point.rate)) * (1 + 1e-9)

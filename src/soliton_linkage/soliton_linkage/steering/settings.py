@@ -28,13 +28,13 @@ class SteeringSettings(CheckedQuantities):
     accuracy of the final position does not change."""
 
     latency: int = quantity(1, 'delay from a frame until its torques act', 'frames', 0)
-    """Sensitivity: an error of 2 frames has no effect; with one of 5 frames, walls may be lost."""
+    """Sensitivity: an error of 2 frames has no effect; an error of 5 frames may lose the wall."""
 
     radiated_share: float = quantity(
         1e-5, 'fraction of the energy of a soliton that one rotor may radiate', '', 1e-12, 1.0
     )
     """Sensitivity: at 0.5x, moves take up to 7 % longer. At 2x, moves of a wobbling flipper take
-    28 % less time and leave 2000 times as much phonon energy, 1e-6 of the energy of the wall."""
+    28 % less time and leave 2000 times as much phonon energy. This is 1e-6 of the wall energy."""
 
     adiabatic_fraction: float = quantity(
         0.5,
@@ -65,7 +65,8 @@ class SteeringSettings(CheckedQuantities):
         3.0, 'ratio of the bandwidths of observer and feedback', '', 0.1, 100.0
     )
     """Sensitivity: at 0.5x, torques due to noise are a third as large, and errors in disordered
-    chains four times. At 2x, noise causes 4 times the torques and 10 to 50 the phonon energy."""
+    chains are four times as large. At 2x, noise causes 4 times the torques, and 10 to 50 times the
+    phonon energy."""
 
     period_memory: float = quantity(
         50.0, 'number of frames over which the frame period is averaged', 'frames', 1.0
@@ -76,15 +77,16 @@ class SteeringSettings(CheckedQuantities):
     min_duration: float = quantity(
         10.0, 'shortest duration of a reference trajectory times the bandwidth', '', 1.0
     )
-    """Sensitivity: at 0.5x, short moves take 0.6 times as long and have the same errors; at 2x, up
-    to 1.8 times as long. The required torques grow as the inverse square of this parameter, so
-    that some goals become unreachable if it is smaller."""
+    """Sensitivity: at 0.5x, short moves take 0.6 times as long and have the same errors; at 2x,
+    they take up to 1.8 times as long. The required torques are proportional to the inverse square
+    of this parameter. Therefore some goals become unreachable if it is smaller."""
 
     force_reserve: float = quantity(
         2.0, 'ratio of the available force to the force of the trajectory', '', 1.0
     )
-    """The excess over 1 is a margin for noise and disturbances. Sensitivity: the reported reach of
-    actuators at an edge is ln(2) penetration depths longer at 0.5x, and as much shorter at 2x."""
+    """The excess over 1 is a margin for noise and disturbances. Sensitivity: at 0.5x, the reported
+    reach of actuators at an edge is ln(2) penetration depths longer; at 2x, the reach is ln(2)
+    penetration depths shorter."""
 
     settling_time: float = quantity(
         3.0,
@@ -92,14 +94,15 @@ class SteeringSettings(CheckedQuantities):
         '',
         0.0,
     )
-    """In the time 3 / b, an error decays to (1 + 3) e^-3 = 0.2. Sensitivity: at 0.5x, arrivals are
-    reported 1.5 / b earlier, with up to six times the error; at 2x, 3 / b later."""
+    """In the time 3 / b, an error decays to the fraction (1 + 3) e^-3 = 0.2. Sensitivity: at 0.5x,
+    arrivals are reported 1.5 / b earlier, with up to six times the error; at 2x, they are reported
+    3 / b later."""
 
     settling_timeout: float = quantity(
         30.0, 'longest time to settle after the trajectory, times the bandwidth', '', 0.0
     )
-    """Sensitivity: the time after which a wall that never settles is reported is proportional to
-    this. All other walls settled in less than half of this time."""
+    """Sensitivity: at 0.5x, a wall that never settles is reported after half the time; at 2x, it
+    is reported after twice the time. All other walls settle in less than half of the timeout."""
 
     max_error: float = quantity(
         1.5,
@@ -109,8 +112,8 @@ class SteeringSettings(CheckedQuantities):
         1e-3,
     )
     """Sensitivity: at 0.5x, the reference also restarts for a lag of 0.9 rotor spacings in a
-    disordered chain, or an impulse that displaces the soliton by 0.8. At 2x, the torques before a
-    restart are larger."""
+    disordered chain, or an impulse that displaces the soliton by 0.8 rotor spacings. At 2x, the
+    torques before a restart are larger."""
 
     max_restarts: int = quantity(
         20, 'number of restarts after which a soliton that does not settle is lost', '', 0
@@ -118,25 +121,28 @@ class SteeringSettings(CheckedQuantities):
     """The reference restarts if the soliton is farther than `max_error` from it. After missing
     frames, one to three restarts are enough. A load that exceeds the force of the actuators
     displaces the soliton until this number of restarts is reached; the soliton is then released.
-    Sensitivity: at 0.5x, the release is 15 rotor spacings earlier; at 2x, 30 later."""
+    Sensitivity: at 0.5x, such a load displaces it by 15 rotor spacings less before the release; at
+    2x, by 30 rotor spacings more."""
 
     max_gap: float = quantity(
         5.0, 'time without frames after which the soliton may have moved', 'frame periods', 1.0
     )
-    """Sensitivity: at 0.5x, a move still continues after an impulse with two missing frames. At
-    2x, a wall that moves on is released after a gap of 8 frames."""
+    """After such a gap, the soliton is not released at once if it cannot be detected. Sensitivity:
+    at 0.5x, a move continues after an impulse that acts while two frames are missing; at 2x, a
+    soliton that moves during a gap of 8 frames is released."""
 
     detection_timeout: float = quantity(
         0.2, 'time without a frame that shows the soliton, after which it is lost', 's', 0.0
     )
-    """Sensitivity: at 0.5x, a wall is lost in a gap of 0.15 s; at 2x, not in a gap of 0.35 s."""
+    """Sensitivity: at 0.5x, the soliton is lost after 0.15 s without frames; at 2x, it is not lost
+    after 0.35 s without frames."""
 
     min_noise: float = quantity(
         3e-3, 'lower limit of the noise of an angle in the observer', 'rad', 1e-9
     )
-    """Without this limit, the filter would treat the start of an impulse as noise in frames
-    without noise, and an impulse of 6 to 10 rad/s would displace a wall 1.4 times as far.
-    Sensitivity: no effect at 0.5x and 2x."""
+    """This limit is for frames without noise. Without the limit, the filter would treat the start
+    of an impulse as noise, and an impulse of 6 to 10 rad/s would displace a wall 1.4 times as far.
+    Sensitivity: at 0.5x and 2x, there is no effect."""
 
     phonon_periods: float = quantity(
         4.0,
@@ -144,8 +150,8 @@ class SteeringSettings(CheckedQuantities):
         'periods',
         0.1,
     )
-    """The average removes the oscillation between kinetic and elastic energy of a phonon.
-    Sensitivity: at 0.5x, the estimate oscillates twice as much, and converges twice as fast."""
+    """The average removes the oscillation of the kinetic energy of a phonon. Sensitivity: at 0.5x,
+    the estimate oscillates twice as much, and converges twice as fast."""
 
 
 DEFAULTS = SteeringSettings()

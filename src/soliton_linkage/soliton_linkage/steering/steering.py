@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Position control of a wall by torques along the zero mode.
 
-The wall at the arc length s has the constant inertia I = M r^2. To follow a reference r(t), the
-controller applies the force
+Let s be the arc length of the wall, and I its inertia, the moment of inertia of a rotor. To follow
+a reference r(t), the controller applies the force
 
     F = I [r'' + 2 b (r' - s') + b^2 (r - s) - d]
 
-along the orbit, with the bandwidth b. The estimates of s, s' and the disturbance d are predicted
-to the instant at which the torques act. Noise causes torques proportional to b^(5/2) q^(-1/2) with
-the coupling q of `TorqueAllocation`. Therefore b is chosen proportional to q^(1/5).
+along the orbit, with the bandwidth b and the disturbance d. The estimates of s, s' and d are
+predicted to the instant at which the torques act. Noise causes torques proportional to b^(5/2)
+q^(-1/2), with the coupling q of `TorqueAllocation`. Therefore b is chosen proportional to q^(1/5),
+so that these torques do not depend on q.
 """
 
 from __future__ import annotations
@@ -36,9 +37,9 @@ from soliton_linkage.steering.torque_allocation import TorqueAllocation
 from soliton_linkage.steering.wall_observer import WallEstimate, WallObserver
 
 _BANDWIDTH_EXPONENT = 1 / 5
-"""Exponent e of the bandwidth b ~ q^e [1]; the torques due to noise then do not depend on q."""
+"""Exponent e of the bandwidth b ~ q^e [1]."""
 _MAX_EXTENSIONS = 8
-"""Largest number of durations that are tried for the trajectory of a moving wall [1]."""
+"""Largest number of tried durations of a trajectory that starts from a moving wall [1]."""
 _EXTENSION = 1.5
 """Ratio of each tried duration to the previous one [1]; a longer trajectory needs less force."""
 
@@ -59,7 +60,7 @@ class Outcome(enum.Enum):
 
 @dataclass(frozen=True)
 class MoveResult:
-    """Result of a move; final `site` of the wall [rotor spacings], NaN if none is detected."""
+    """Result of a move; `site` is the final site of the wall [rotor spacings], NaN if unknown."""
 
     outcome: Outcome
     message: str
@@ -164,7 +165,7 @@ class Steering:
         if before is not None and estimate.time < before.time:
             return self._lost(f'the stamps decreased by {before.time - estimate.time:.3g} s')
         if last is not None and self._jumped(last, estimate):
-            # The observer takes the jump for a high speed.
+            # Reset the observer, because it has interpreted the jump as a high speed.
             self._observer.reset()
             self._last = self._observer.update(time, angles)
             return self._lost('the soliton has moved farther than its speed allows')
@@ -184,7 +185,8 @@ class Steering:
     def move(self, site: float, speed: float = 0.0) -> MoveResult | None:
         """Start to move the wall to a site [rotor spacings]; return a result only for a rejection.
 
-        The speed is limited to `adiabatic_speed` and `speed` [rotor spacings / s]; 0 is no limit.
+        The speed is limited to `adiabatic_speed` and `speed` [rotor spacings / s]. If `speed` is
+        0, only `adiabatic_speed` limits the speed.
         """
         estimate = self._observer.estimate
         rejection = self._rejection(site, speed, estimate)
@@ -260,7 +262,7 @@ class Steering:
         self._resting_since = None
 
     def _jumped(self, last: WallEstimate, found: WallEstimate) -> bool:
-        """Return whether a wall moved farther than its rate and `max_error` allow."""
+        """Return whether the wall has moved farther than its rate and `max_error` allow."""
         distance = abs(math.remainder(found.arc - last.arc, self.orbit.length))
         explained = 2 * abs(last.rate) * (found.time - last.time)
         return distance > explained + self.settings.max_error * self.orbit.site_arc
@@ -294,15 +296,16 @@ class Steering:
         return trajectory
 
     def _reference(self, estimate: WallEstimate) -> ReferencePoint:
-        """Return the reference at the time of an estimate; without a trajectory, the estimate."""
+        """Return the reference at the time of an estimate, or the estimate without trajectory."""
         if self.trajectory is None:
             return ReferencePoint(estimate.arc, estimate.rate, 0.0)
         return self.trajectory.at(estimate.time)
 
     def _nearest_arc(self, site: float, point: ReferencePoint, time: float) -> float:
-        """Return the arc length [rad] at a site that is nearest to where a wall comes to rest.
+        """Return the arc length [rad] of a goal at a given site.
 
-        Starting from a reference point, the wall brakes evenly for a time [s].
+        The wall is at this site at several arc lengths. The result is the one nearest to the arc
+        length at which the wall would come to rest if it braked evenly from `point` in `time` [s].
         """
         arc = point.arc + point.rate * time / 2
         legs = range(self.orbit.number_of_legs)

@@ -1,15 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Torques of actuators that exert a given force on a wall; each actuator acts on one rotor.
 
-A force F along the orbit, with the tangent t, needs torques tau with t^T tau = F. The torques of
-least norm on a set S of rotors are tau_n = F t_n / q with the coupling q = sum of t_n^2 over S. If
-S is not the whole chain, the torques also deflect the rotors against the springs by dphi, with
-spring forces f and the rigidity matrix R:
+Let t be the tangent of the orbit. To exert a force F along the orbit, the torques tau must satisfy
+t^T tau = F. The torques of least norm on a set S of rotors are tau_n = F t_n / q, with the
+coupling q = sum of t_n^2 over S. If S is not the whole chain, the torques also deflect the rotors
+against the springs. The deflection is
 
-    dphi = R^T (R R^T)^(-1) f / k_e,    R^T f = tau - F t.
+    dphi = R^T (R R^T)^(-1) f / k_e,    R^T f = tau - F t,
 
-With actuators at an edge, the deflection grows as e^(2 x / ell) with the distance x of the wall
-from the edge and the penetration depth ell.
+with the spring forces f, the rigidity matrix R and the stiffness k_e. If the actuators are at an
+edge, the deflection grows as e^(2 x / ell), with the distance x of the wall from the edge and the
+penetration depth ell.
 """
 
 from __future__ import annotations
@@ -42,7 +43,10 @@ class Effort(NamedTuple):
 
 
 class Reach(NamedTuple):
-    """Sites to which actuators can move a wall [rotor spacings]; NaN if they cannot hold it."""
+    """Range of sites to which actuators can move a wall [rotor spacings].
+
+    Both limits are NaN if the actuators cannot hold the wall where it is.
+    """
 
     first: float
     last: float
@@ -79,9 +83,9 @@ class TorqueAllocation:
             self._actuated[:] = True
 
     def torques(self, arc: float, force: float) -> tuple[Array, float]:
-        """Return the torques [N m] for a force at an arc length [rad], and the exerted force.
+        """Return the torques [N m] for a force on a wall at an arc length, and the exerted force.
 
-        If a torque exceeds its limit, all torques and the force [N m] are reduced.
+        If a torque exceeds its limit, all torques and the force [N m] are reduced by one factor.
         """
         unit = self._unit_torques(self.orbit.tangent(arc))
         required = force * unit

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Observer of a wall on which known torques act: an `OrbitFilter` that estimates a disturbance d.
 
-The model is s'' = u + d for the arc length s, with the accelerations u by known torques and d by
-all other forces. Because d is estimated, a constant unknown force causes no steady error.
+The model is s'' = u + d for the arc length s. The acceleration u is due to the known torques, and
+d is due to all other forces. Because d is estimated, a constant unknown force causes no steady
+error of the estimate.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ class WallEstimate:
     rate: rate of the arc length [rad/s].
     disturbance: acceleration of the arc length that is not due to the known torques [rad/s^2].
     seen: instant of the last frame in which the wall was detected [s].
-    upside_down: whether the chain is assembled upside down, as the mirror image phi -> pi - phi.
+    upside_down: whether the chain is assembled upside down, so that pi - phi follow the orbit.
     """
 
     time: float
@@ -75,9 +76,10 @@ class WallObserver:
     ) -> WallEstimate | None:
         """Process a frame and return the new estimate, or None if no wall is known.
 
-        `angles` [rad], (N,), are NaN where unknown. `torques` [N m], (N,) or None, acted since the
-        previous frame. A frame that is not later than this is ignored; one earlier by more than
-        `detection_timeout` restarts the observer. Raises ValueError for a wrong shape.
+        `angles` [rad], (N,), are NaN if unknown. `torques` [N m], (N,), acted since the previous
+        frame; None means 0. A frame that is not later than the previous estimate is ignored, but a
+        frame that is earlier by more than `detection_timeout` restarts the observer. Raises
+        ValueError for a wrong shape.
         """
         before = self.estimate
         if before and time < before.time - self._settings.detection_timeout:
