@@ -438,10 +438,9 @@ class MotionFitter:
 def inflated_covariance(covariance: Array, samples: Array, at: UnknownSlices) -> Array:
     """Return a covariance, (P, P), increased to the scatter of S samples of the unknowns, (S, P).
 
-    `at` contains the indices of the unknowns of each kind. One factor increases the standard
-    deviations of all lengths, a second one those of all stiffnesses, and a third one those of all
-    masses, because unknowns of one kind compensate each other if the likelihood has a curved
-    valley.
+    `at` contains the indices of the unknowns of each kind. The standard deviations of all lengths
+    increase by one common factor, those of all stiffnesses by a second one, and those of all
+    masses by a third one, because errors of unknowns of one kind compensate each other.
     """
     variances, factors = np.diag(covariance), np.ones(len(covariance))
     for part in (at.lengths, at.stiffnesses, at.masses):

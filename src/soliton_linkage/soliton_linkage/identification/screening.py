@@ -144,7 +144,7 @@ def check_zeros(readings: Array, names: Sequence[str]) -> None:
 
 
 def _zero_errors(readings: Array) -> Array:
-    """Return approximate errors of the encoder zeros, in staggered angles [rad], (N,).
+    """Return approximate zero errors of the encoders, as staggered angles [rad], (N,).
 
     In a flipper, a zero error is the mean of the staggered angles before and after the passage of
     a wall. A wall turns the rotors of a spinner by half a turn. Therefore, in a spinner, the
@@ -316,7 +316,7 @@ _JUMP_OVER_NEIGHBOURS = 3.0
 
 
 def noise_of(readings: Array, relative_deviations: Array) -> float:
-    """Return the noise of a reading [rad], from the median second difference; NaN if unknown."""
+    """Return the noise of a reading [rad] from the sizes of second differences; NaN if unknown."""
     bends = readings[2:] - 2 * readings[1:-1] + readings[:-2]
     squares = relative_deviations**2
     bends /= np.sqrt(squares[2:] + 4 * squares[1:-1] + squares[:-2])

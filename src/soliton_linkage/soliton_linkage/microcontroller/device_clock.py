@@ -49,14 +49,15 @@ these heights. A delay is plausible if it is at most the first number times s be
 most the second number times h above it [1]. Before there are `_REMEMBERED` delays, h replaces
 s."""
 _UNUSUAL = 8.0
-"""Without checksums, an interval between measurements is unusual if its difference from a multiple
-of the median interval is larger than this times the median of such differences [1]."""
+"""Without checksums, an interval between measurements is unusual if its difference from the
+nearest multiple of the median interval is larger than this times the median of such
+differences [1]."""
 _ABOVE_OTHERS = 2.0
-"""With checksums, an interval is unusual if its difference from a multiple of the median interval
-is larger than this times the largest such difference of the other intervals [1]."""
+"""With checksums, an interval is unusual if its difference from the nearest multiple of the median
+interval is larger than this times the largest such difference of the other intervals [1]."""
 _CLOCK_RESOLUTION = 1e-4
-"""An interval is unusual only if its difference from a multiple of the median interval is larger
-than this [s], which is 25 ticks of micros() of an Arduino."""
+"""An interval is unusual only if its difference from the nearest multiple of the median interval
+is larger than this [s], which is 25 ticks of micros() of an Arduino."""
 _REMEMBERED = 128
 """Number of recent messages whose delays and intervals are compared [1]. Sensitivity: at 0.25x, a
 rare interval seems unusual; at 4x, a jump by less than an interval is corrected later."""

@@ -132,8 +132,8 @@ class AngleStream:
     def reconnect(self) -> None:
         """Prepare for a controller that may have restarted.
 
-        The clock is reset if it has not estimated its scatter yet, because it cannot detect a
-        restart before.
+        The clock is reset if it has not estimated its scatter yet, because until then it cannot
+        detect a restart.
         """
         if math.isnan(self.clock.scatter):
             self.reset()
@@ -165,7 +165,7 @@ class AngleStream:
         return StampedAngles(stamp, self._reader.read(frame))
 
     def _count_lost(self, number: int) -> None:
-        """Count lost frames by comparison with several previous numbers, as one may be wrong."""
+        """Count lost frames; compare with several previous numbers, because one may be wrong."""
         totals = [
             lost + missing
             for earlier, arrived, lost in self._numbers

@@ -173,7 +173,7 @@ def _bar(
 
 
 def _fit_axis(points: Array, weights: Array, axis: Array, reach: float) -> tuple[Array, float]:
-    """Return the direction of a line through points, and its error for unit noise [rad]."""
+    """Return the direction of a line through points, and its standard deviation for unit noise."""
     for _ in range(_ITERATIONS):
         normal = np.array([-axis[1], axis[0]])
         taper = np.maximum(1 - (points @ axis / reach) ** 2, 0.0)

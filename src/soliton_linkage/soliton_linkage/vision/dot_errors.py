@@ -92,7 +92,7 @@ class RepeatDetector:
         self._before: Picture | None = None
 
     def compare(self, grey: Picture, centres: Array, radius: float) -> NDArray[np.bool_]:
-        """Return which dots repeat the previous pixels within a `radius` [pixels], (N,)."""
+        """Return for each dot whether all pixels within a `radius` [pixels] are repeated, (N,)."""
         before, self._before = self._before, grey.copy()
         repeated = np.zeros(len(centres), dtype=bool)
         if before is None:
@@ -134,7 +134,7 @@ class ErrorScale:
         self._before = np.full(rotors, np.nan)
 
     def update(self, dots: DotMeasurements, constant: float = 0.0) -> Array:
-        """Add a picture; return the ratio for each of its dots [1], (N,).
+        """Add the dots of a picture; return the ratio for each of them [1], (N,).
 
         `constant` [pixels] is the standard deviation of errors that are constant while a dot
         rests.
@@ -178,7 +178,7 @@ class DeadZone:
         return self._since < MEMORY
 
     def add_repeated(self, repeated: NDArray[np.bool_], seen: NDArray[np.bool_]) -> None:
-        """Add a picture, with flags of the repeated and of the visible dots, shape (N,) each."""
+        """Add a picture, given which dots are repeated and which are visible, (N,) each."""
         ended = self.repeats[(self.repeats > 0) & ~repeated & seen]
         self._log_repeats = _faded(self._log_repeats) + float(np.log(ended).sum())
         self._ended = _faded(self._ended) + len(ended)
@@ -186,7 +186,7 @@ class DeadZone:
         self._since = 0 if repeated.any() and (seen & ~repeated).any() else self._since + 1
 
     def add(self, dots: DotMeasurements, jumps: float) -> None:
-        """Add a picture; `jumps` is explained in `variances`."""
+        """Add the dots of a picture; `jumps` is an argument of `variances`."""
         self._first = np.where(np.isnan(self._first), dots.angles, self._first)
         self._moved |= np.abs(dots.angles - self._first) * dots.pixels_per_radian > _RECORDED_STEP
         self._times = np.append(self._times[1:], dots.time)
@@ -202,7 +202,7 @@ class DeadZone:
         self._across.add(self._length_errors[_ORDER // 2, always])
 
     def variances(self, resting: Array, jumps: float) -> Array:
-        """Return the variance of each dot divided by the variance due to pixel noise [1], (N,).
+        """Return the error variance of each dot, divided by the one due to pixel noise [1], (N,).
 
         `resting` is this ratio for dots at rest, (N,), and `jumps` the ratio that is assumed for
         moving dots before fast dots have been observed.

@@ -27,7 +27,7 @@ from soliton_linkage.linkage.chain import Array
 _BLUR = 0.6
 """Initial value of the blur of an edge [pixels], typical of lenses and pixels."""
 _BLURS = (0.35, 1.5)
-"""Smallest and largest fitted blur [pixels]: a perfect lens, and a bad lens."""
+"""Smallest and largest fitted blur [pixels], for a perfect lens and for a bad lens."""
 _RADII = (0.7, 1.4)
 """Smallest and largest fitted radius of a dot, relative to the expected radius [1]."""
 _PARAMETERS = 8

@@ -24,7 +24,7 @@ _MAX_RELATIVE_RESIDUAL, _MAX_RESIDUAL = 2.0, 0.02
 all dots, plus the second factor times its contrast [1]."""
 _MAX_SHIFT = 2.5
 """Largest distance of a fitted dot from the dark spot at which the fit started [pixels]; half of
-the displacement of the dot during the exposure is added."""
+the displacement of the dot during the exposure is added to this limit."""
 _GREY_SATURATION = 0.25
 """A dot with a larger saturation than this is certainly not black [1]."""
 _HUE_DEVIATION = 0.5

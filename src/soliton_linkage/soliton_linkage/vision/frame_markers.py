@@ -73,7 +73,7 @@ _MAX_RESIDUAL = 0.12
 """A dot counts as visible if its residual, relative to its contrast, is smaller than this [1];
 partly hidden dots have larger residuals."""
 _MAX_SCALE_ERROR = 0.02
-"""A difference between 1 and `print_scale` is reported if it is larger than this [1]."""
+"""A warning is given if `print_scale` differs from 1 by more than this [1]."""
 _SEARCH_PERIOD = 60
 """Number of pictures from one search for missing markers to the next; a search takes about as long
 as the time between two pictures."""

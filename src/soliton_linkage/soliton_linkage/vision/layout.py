@@ -35,7 +35,7 @@ number times the rotor length [1]."""
 _MARKER_OF_SPACING = 0.9
 """Side of a frame marker, relative to the spacing [1]."""
 _MIN_DISTANCE = 1.05
-"""Smallest distance between frame markers, relative to the side of their paper [1]."""
+"""Smallest distance between centres of frame markers, relative to the side of their paper [1]."""
 _LABEL_GAP = 0.25
 """Gap between the paper of a frame marker and labels of masses, relative to the spacing [1]."""
 

@@ -21,7 +21,7 @@ from soliton_linkage.vision.camera import Camera
 from soliton_linkage.vision.opencv import opencv
 
 MIN_POINTS = 6
-"""Smallest number of points that defines a plane and its residual."""
+"""Smallest number of points for the fit of a plane and the computation of its residual."""
 
 
 @dataclass(frozen=True)
