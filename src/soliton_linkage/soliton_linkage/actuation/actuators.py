@@ -2,7 +2,8 @@
 """Models of the actuators at the edges: interface, implementations and a registry by name.
 
 To add a model, write a frozen dataclass with the methods of `Actuator` and fields that are defined
-by `linkage.quantities.quantity`, and add it to `ACTUATORS` under its name in the parameter.
+by `linkage.quantities.quantity`, and add it to `ACTUATORS`. The key is the value of the parameter
+`actuator` that selects the model.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ class PneumaticActuator(CheckedQuantities):
     """Soft actuator with first-order pressure dynamics; raises ValueError for invalid parameters.
 
     The pressure p [Pa] approaches a higher command with the time constant `filling_time`, and a
-    lower one with `venting_time`. The torque is proportional to p, up to `saturation_torque`.
+    lower command with `venting_time`. The torque is proportional to p, up to `saturation_torque`.
     """
 
     filling_time: float = quantity(0.03, 'time constant of a rising pressure', 's', 1e-4, 1e3)
@@ -61,7 +62,8 @@ class PneumaticActuator(CheckedQuantities):
 
             e(t) = e(0) E + slope tau (1 - E),    E = exp(-t / tau),
 
-        until e changes its sign at t = tau ln(1 - e(0) / (slope tau)); then the other tau acts.
+        until e changes its sign at t = tau ln(1 - e(0) / (slope tau)). After this time, the other
+        time constant applies.
         """
         lag = target - pressure
         constant = self._time_constant(lag if lag else slope)
@@ -81,7 +83,7 @@ class PneumaticActuator(CheckedQuantities):
     ) -> tuple[float, float]:
         """Return the pressure [Pa] at `end`, and its integral from `start` to `end` [Pa s].
 
-        `pressure` is the pressure at `start`; the times [s] are on the time axis of `command`.
+        `pressure` is the pressure at `start`. Both times [s] are times of the profile `command`.
         """
         integral = 0.0
         for line in command.segments(start, end):
@@ -109,8 +111,10 @@ class PneumaticActuator(CheckedQuantities):
     def pulse_command(self, impulse: float, duration: float) -> float:
         """Return the commanded pressure [Pa] of a pulse with a duration [s] and impulse [N m s].
 
-        With a pressure u, the duration T, the time constants tau_1 from 0 to u and tau_2 back to
-        0, and k = `torque_per_pressure`, it is k u [T + (tau_2 - tau_1) (1 - exp(-T / tau_1))].
+        The impulse of a pressure u with the duration T is
+        k u [T + (tau_2 - tau_1) (1 - exp(-T / tau_1))]. Here k is `torque_per_pressure`, tau_1 is
+        the time constant of the change from 0 to u, and tau_2 the time constant of the change back
+        to 0.
         """
         towards, back = self._time_constant(impulse), self._time_constant(-impulse)
         effective_duration = duration - (back - towards) * math.expm1(-duration / towards)
@@ -145,7 +149,7 @@ class Actuator(Protocol):
     ) -> tuple[float, float]:
         """Return the level at `end`, and the integral of the level from `start` to `end`.
 
-        `level` is the level at `start`; the times [s] are on the time axis of `command`.
+        `level` is the level at `start`. Both times [s] are times of the profile `command`.
         """
 
     def torque(self, level: float) -> SupportsFloat:

@@ -28,9 +28,10 @@ class ChainDriver:
     """Driver of all actuators of a chain; a command starts at the next frame.
 
     The reports name the `source` of a command, which is its topic. At each frame, the driver
-    returns the mean torques over the next interval between frames, assumed to be as long as the
-    previous one. After the end of a joint command, its last torques are held for `timeout` [s]. If
-    an interval exceeds `longest_gap` [s], the current torques are reported as cut short.
+    returns the mean torques over the interval to the next frame. The driver assumes that this
+    interval is as long as the previous one. After the end of a joint command, its last torques are
+    held for `timeout` [s]. If the interval between two frames exceeds `longest_gap` [s], the
+    current torques are reported as cut short.
     """
 
     def __init__(
@@ -61,12 +62,12 @@ class ChainDriver:
         return self._driving
 
     def command(self, source: str, command: EdgeCommand, side: Edge) -> None:
-        """Start an edge command that is not instantaneous, in place of the last edge command."""
+        """Start an edge command with a duration; it replaces the previous edge command."""
         begin = partial(self._drive.command, command, side)
         self._pending.append(_PendingCommand(source, begin, command))
 
     def play(self, source: str, command: EdgeCommand, rotor: int, limit: float) -> None:
-        """Start a waveform on a rotor, in place of the previous edge command; see `RotorDrive`.
+        """Start a waveform on a rotor (see `RotorDrive`); it replaces the previous edge command.
 
         Raises ValueError if the command has no waveform, and the errors of `EdgeCommand.profile`.
         """
@@ -89,7 +90,7 @@ class ChainDriver:
         self._pending.append(_PendingCommand(source, begin))
 
     def frame(self, before: int, stamp: int, angles: Array) -> Array | None:
-        """Return the torques to apply from a frame on [N m], shape (N,), or None if nothing acts.
+        """Return the torques [N m], (N,), to apply from this frame on, or None if no torque acts.
 
         `before` and `stamp` are the stamps of the previous frame and of this frame [ns]. Raises
         ValueError if the stamps do not increase; if they decrease, all commands are dropped.

@@ -25,7 +25,7 @@ class CommandKind(enum.Enum):
     KICK = 'kick'
     """Instantaneous change of the speed along the unit zero mode [rad/s]."""
     PRESSURE = 'pressure'
-    """Pressure in the chamber [Pa], or with another actuator model, its level."""
+    """Pressure in the chamber [Pa], or level of an actuator of another model."""
     PULSE = 'pulse'
     """Torque along the unit zero mode [N m], which does not depend on the actuator model."""
     WAVEFORM = 'waveform'
@@ -46,10 +46,10 @@ class EdgeLimits:
 class EdgeCommand:
     """Command to the actuator at an edge.
 
-    Raises ValueError for a duration or ramps that the kind does not allow. The commanded quantity
-    rises from 0 to `value` in `ramp_up` [s], is constant for `duration` [s], and falls to 0 in
-    `ramp_down` [s], or is `value` times the `waveform`. A pressure with duration 0 acts until the
-    next command.
+    The commanded quantity rises from 0 to `value` in `ramp_up` [s], is constant for `duration`
+    [s], and falls to 0 in `ramp_down` [s]. If there is a `waveform`, the quantity is `value` times
+    the waveform. A pressure with duration 0 acts until the next command. Raises ValueError for a
+    duration or ramps that the kind does not allow.
     """
 
     edge: Edge
@@ -103,7 +103,7 @@ class EdgeCommand:
 
     @property
     def vents(self) -> bool:
-        """Whether the command is a pressure of 0, which is allowed at both edges."""
+        """Whether the command is a pressure of 0. Such a command is allowed at both edges."""
         return self.kind is CommandKind.PRESSURE and self.value == 0
 
     @property

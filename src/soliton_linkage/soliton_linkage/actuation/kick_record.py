@@ -13,8 +13,8 @@ from soliton_linkage.dynamics.work import TorqueLedger
 from soliton_linkage.linkage.chain import Array
 
 _DELIVERY_TIMEOUT = 10**9 // 2
-"""If the totals from the simulator do not arrive within this time after a kick [ns], measured by
-the stamps of frames, the kick is reported without them."""
+"""Longest time between a kick and the totals from the simulator [ns], measured by the stamps of
+frames. After this time, the kick is reported without the totals."""
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,10 @@ class KickRecord:
             self._report_impulses([kick], kick.work, measured=False)
 
     def begin(self, stamp: int, source: str, command: EdgeCommand | None) -> None:
-        """Start an episode at a stamp [ns], or add a source; a joint command has no `command`."""
+        """Start an episode at a stamp [ns], or add a source to the current episode.
+
+        For a joint command, `command` is None.
+        """
         if self._episode is None:
             before = None if self._ended else self.delivered
             self._episode = _TorqueEpisode(stamp, TorqueLedger(self._rotors), before)
@@ -143,7 +146,10 @@ class KickRecord:
             self._episode.cut_short = True
 
     def end(self, stamp: int, cut_short: bool = False, superseded: bool = False) -> None:
-        """End the episode at a stamp [ns]; `superseded` if another one follows without a pause."""
+        """End the current episode at a stamp [ns].
+
+        `superseded` states whether the next episode follows without a pause.
+        """
         if self._episode is not None:
             self._episode.ended, self._episode.superseded = stamp, superseded
             self._episode.cut_short |= cut_short

@@ -13,16 +13,17 @@ _STIFFNESS = 0.3
 """Natural frequency of the angle servo, multiplied by the frame period [1]. For a burst of 40
 rad/s, the error of the angle is 0.3 % of the amplitude at 500 frames per second and 3 % at 250
 frames per second; at 100 frames per second, the servo fails. Sensitivity at 500 frames per second:
-at 0.5x, the error is 0.7 %; at 2x, 0.2 %."""
+at 0.5x, the error is 0.7 %; at 2x, it is 0.2 %."""
 
 
 class RotorDrive:
     """Drive of one rotor by a waveform that starts at the time `started` [s].
 
-    `profile` is the torque [N m] or the angle [rad], as stated by `quantity`, versus time. If it
-    is an angle q_ref(t), which the rotor angle q must follow, the drive applies the following
-    torque, up to `limit` [N m]. I is the moment of inertia, tau_springs the torque of the springs,
-    T the frame period, and w the natural frequency of the servo.
+    `profile` is a torque [N m] or an angle [rad] as a function of time; `quantity` states which
+    one it is. The absolute value of the torque on the rotor is limited to `limit` [N m]. If
+    `profile` is an angle q_ref(t), a servo makes the rotor angle q follow it with the torque tau.
+    The symbols are the moment of inertia I, the torque of the springs tau_springs, the frame
+    period T, and the natural frequency w of the servo.
 
         tau = I q_ref'' - tau_springs + I [w^2 (q_ref - q) + 2 w (q_ref' - q')],    w = 0.3 / T.
 
@@ -52,7 +53,8 @@ class RotorDrive:
     def add_torque(self, torques: Array, angles: Array, start: float, end: float) -> bool:
         """Add the mean torque from `start` to `end` [s] to `torques` [N m], shape (N,).
 
-        `angles` [rad] are those at `start`. Return whether the torque was limited.
+        `angles` [rad] are the angles of all rotors at `start`. Return whether the torque was
+        limited.
         """
         since = start - self._started
         if self._servo is None:
@@ -84,10 +86,11 @@ class _AngleServo:
         """Torque sent after the previous frame [N m]; it acts from the current frame on."""
 
     def torque(self, angle: float, springs: float, since: float, period: float) -> float:
-        """Return the torque [N m] that acts from the next frame on, which is `period` [s] later.
+        """Return the torque [N m] that acts from the next frame on.
 
-        In the current frame, `since` [s] after the start of the waveform, the rotor has the angle
-        `angle` [rad], and the springs exert the torque `springs` [N m].
+        The current frame is `since` [s] after the start of the waveform, and `period` [s] before
+        the next frame. In the current frame, the rotor has the angle `angle` [rad], and the
+        springs exert the torque `springs` [N m].
         """
         if self._start is None:
             self._start = angle

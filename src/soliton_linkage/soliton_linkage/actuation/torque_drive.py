@@ -19,8 +19,8 @@ from soliton_linkage.linear.rigidity import Edge, mode_towards_last
 from soliton_linkage.linkage.chain import Array, Chain
 
 _REST_LEVEL = 1e-6
-"""An actuator counts as at rest if its level is at most this fraction of the largest level since
-the command [1], because an exponential decay never reaches 0."""
+"""Threshold of rest: the level of an actuator is set to 0 when it is at most this fraction of the
+largest level since the command [1], because an exponential decay never reaches 0."""
 _SIGNS = {Edge.FIRST: 1.0, Edge.LAST: -1.0}
 """Sign of the torque of each edge actuator [1]; +1 moves a wall towards the last rotor."""
 
@@ -38,8 +38,8 @@ class MeanTorque(NamedTuple):
 class EdgeDrive:
     """Torque of the actuators at both edges and of a torque pulse, as a function of time.
 
-    A command replaces the previous one, whose actuator then returns to rest. Times [s] must not
-    decrease.
+    A command replaces the previous command. The actuator of the previous command returns to rest.
+    Times [s] must not decrease.
     """
 
     def __init__(self, actuator: Actuator) -> None:
@@ -210,7 +210,7 @@ class JointDrive:
 
 
 class DriveTorques(NamedTuple):
-    """Torque on each rotor until the next frame [N m], (N,), and whether a limit reduces one."""
+    """Torque on each rotor until the next frame [N m], (N,), and whether a limit reduced it."""
 
     torques: Array
     saturated: bool

@@ -51,7 +51,7 @@ class DrivenQuantity(enum.Enum):
 
 @dataclass(frozen=True)
 class Waveform:
-    """Waveform of an `EdgeCommand`; raises ValueError for numbers that the shape forbids."""
+    """Waveform of an `EdgeCommand`; raises ValueError for values that do not fit the shape."""
 
     shape: WaveShape = WaveShape.BURST
     quantity: DrivenQuantity = DrivenQuantity.TORQUE
@@ -94,7 +94,7 @@ class Waveform:
             )
 
     def length(self, given: float) -> float:
-        """Return the duration of all `cycles` of a burst, or else the `given` duration [s]."""
+        """Return the duration of all `cycles` of a burst; for other shapes, return `given` [s]."""
         if self.shape is WaveShape.BURST:
             return 2 * math.pi * self.cycles / self.frequency
         return given
