@@ -2,9 +2,9 @@
 """Linear theory of the uniform chain: phonons, speed of sound, zero mode, tails of walls.
 
 Wave numbers k [rad/m] describe changes of the staggered angles, dtheta_n ~ e^(i k a n) with the
-spacing a. In terms of the angles phi, the same motion has the wave number k + pi / a. d is the
-lean ratio, r the rotor length, M the mass, k_e the stiffness, lbar the rest length and theta_bar
-the rest angle. Functions raise ValueError if `lean` is neither +1 nor -1.
+spacing a. In terms of the angles phi, the same motion has the wave number k + pi / a. The symbols
+are the lean ratio d, the rotor length r, the mass M, the stiffness k_e, the rest length lbar and
+the rest angle theta_bar. Functions raise ValueError if `lean` is neither +1 nor -1.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ ComplexArray = NDArray[np.complex128]
 def couplings(chain: Chain, lean: int = 1) -> tuple[float, float]:
     """Return the couplings q+ and q- of the right-leaning (+1) or left-leaning (-1) state [m/rad].
 
-    Changes dtheta of the staggered angles lengthen spring n by dl_n = -(q+ dtheta_n + q-
-    dtheta_{n+1}). In the right-leaning state q+- = r cos(theta_bar) (2 r
-    sin(theta_bar) +- a) / lbar. The paper (section 1) omits the minus sign in dl_n. The
-    left-leaning state has -q- in place of q+, and -q+ in place of q-.
+    Changes dtheta of the staggered angles lengthen spring n by
+    dl_n = -(q+ dtheta_n + q- dtheta_{n+1}). In the right-leaning state,
+    q+- = r cos(theta_bar) (2 r sin(theta_bar) +- a) / lbar. The paper (section 1) omits the minus
+    sign in dl_n. The left-leaning state has -q- in place of q+, and -q+ in place of q-.
     """
     if lean not in (-1, 1):
         raise ValueError(f'lean = {lean!r} must be +1 (right) or -1 (left)')
@@ -40,10 +40,11 @@ def couplings(chain: Chain, lean: int = 1) -> tuple[float, float]:
 def bloch_matrix(chain: Chain, wave_numbers: ArrayLike, lean: int = 1) -> ComplexArray:
     """Return the rigidity matrix R(k) of the cell of two rotors [m/rad], shape (..., 2, 2).
 
-    With q+ and q- of `couplings`, R(k) = -[[q+, q-], [q- e^(2 i k a), q+]] maps changes of the
-    staggered angles of the two rotors of a cell to the extensions of the two springs of the cell.
-    Wave numbers [rad/m] must be finite and may be complex. In the paper (section 1), the phase
-    factor is in the lower right corner, which exchanges the winding numbers of the two states.
+    R(k) maps changes of the staggered angles of the two rotors of a cell to the extensions of the
+    two springs of the cell. With the results q+ and q- of `couplings`,
+    R(k) = -[[q+, q-], [q- e^(2 i k a), q+]]. Wave numbers [rad/m] must be finite and may be
+    complex. In the paper (section 1), the phase factor is in the lower right corner, which
+    exchanges the winding numbers of the two states.
     """
     plus, minus = couplings(chain, lean)
     phases = _phases(chain, np.asarray(wave_numbers, dtype=np.complex128))
@@ -68,7 +69,8 @@ def dispersion(chain: Chain, wave_numbers: ArrayLike, branch: int = 1) -> Array:
     """Return the angular frequencies [rad/s] of phonons with given finite wave numbers [rad/m].
 
     omega(k) = sqrt(k_e / M) |q+ +- q- e^(i k a)| / r, where `branch` (+1 or -1) is the sign +-.
-    The paper (section 1) omits 1/r. From k = -pi / a to pi / a, each branch covers all phonons.
+    The paper (section 1) omits 1/r. Each branch alone contains all phonons if k runs from -pi / a
+    to pi / a.
     """
     if branch not in (-1, 1):
         raise ValueError(f'branch = {branch!r} must be +1 or -1')
@@ -88,7 +90,10 @@ def gap(chain: Chain) -> float:
 
 
 def band_edges(chain: Chain) -> tuple[float, float]:
-    """Return the band limits of the phonons, (||q+| -+ |q-|| / r) sqrt(k_e / M) [rad/s]."""
+    """Return the lowest and the highest angular frequency of the phonons [rad/s].
+
+    They are sqrt(k_e / M) ||q+| -+ |q-|| / r.
+    """
     scale = 2 * math.cos(chain.rest_angle) / (chain.rest_length * chain.time_unit)
     lean_across = 2 * chain.rotor_length * math.sin(chain.rest_angle)
     lower, upper = sorted((lean_across, chain.spacing))
@@ -128,8 +133,9 @@ def penetration_depth(chain: Chain) -> float:
 def tail_ratio(chain: Chain) -> float:
     """Return the ratio (d - 1) / (d + 1) of the tail of a wall at two neighbouring rotors [1].
 
-    It is the tail at the rotor farther from the wall, divided by the tail at the other rotor. The
-    tail is the small difference between the angles phi and a uniform state.
+    The tail of a wall is the small difference between the angles phi and the angles in a uniform
+    state. The ratio is the tail at the rotor farther from the wall, divided by the tail at the
+    rotor nearer to the wall.
     """
     plus, minus = couplings(chain)
     return minus / plus
@@ -140,7 +146,7 @@ class Tail:
     """Decay of the tail, the displacement of a mass minus its displacement in a uniform state.
 
     decay_length: distance over which the tail decreases by a factor of e [m].
-    wave_number: wave number with which its sign oscillates [rad/m]; 0 if the sign is constant.
+    wave_number: wave number with which the sign of the tail oscillates [rad/m]; 0 if it does not.
     """
 
     decay_length: float
@@ -162,8 +168,9 @@ def wobble_exponents(chain: Chain) -> tuple[complex, complex]:
 
     The exponents are lambda_+- = 1 / ub +- sqrt(1 / ub^2 - 8 / a^2) with ub = r sin(theta_bar).
     They follow from the equation (a^2 / 8) du'' - (a^2 / (4 ub)) du' + du = 0 for the tail du(x),
-    on the side of the wall that is nearer to rotor 0. The bars then keep their length, up to terms
-    in du''. In the paper (equation `wobblingode`), the middle term has the opposite sign.
+    on the side of the wall that is nearer to rotor 0. The equation states that the bars keep their
+    lengths, up to terms in du''. In the paper (equation `wobblingode`), the middle term has the
+    opposite sign.
     """
     inverse = 1 / (chain.rotor_length * math.sin(chain.rest_angle))
     square = (inverse - math.sqrt(8) / chain.spacing) * (inverse + math.sqrt(8) / chain.spacing)
@@ -175,10 +182,11 @@ def wobble_exponents(chain: Chain) -> tuple[complex, complex]:
 
 
 def continuum_tail(chain: Chain) -> Tail:
-    """Return the more slowly decaying one of the two tails that `wobble_exponents` describes.
+    """Return the tail of the exponent in `wobble_exponents` that decays more slowly.
 
-    For d > 1 / sqrt(2), the tail oscillates, with the decay length ub = r sin(theta_bar). This is
-    an artefact of the continuum. The decay length agrees with `exact_tail` for d << 1 and d >> 1.
+    For d > 1 / sqrt(2), the tail oscillates, with the decay length ub = r sin(theta_bar). This
+    oscillation is an artefact of the continuum approximation. The decay length agrees with
+    `exact_tail` for d << 1 and d >> 1.
     """
     plus, minus = wobble_exponents(chain)
     return Tail(1 / minus.real, plus.imag)
@@ -201,8 +209,9 @@ def density_of_states(chain: Chain, frequencies: ArrayLike) -> Array:
     """Return the density of modes of an infinite chain [modes / rotor / (rad/s)], shape (...).
 
     Between the two `band_edges`, lowest and highest, the density is g(omega) = 2 omega / (pi
-    sqrt((omega^2 - lowest^2) (highest^2 - omega^2))). Outside, it is 0, and its integral over all
-    frequencies is 1. Raises ValueError for frequencies [rad/s] that are negative or not finite.
+    sqrt((omega^2 - lowest^2) (highest^2 - omega^2))). Outside the band, the density is 0. The
+    integral of the density over all frequencies is 1. Raises ValueError for frequencies [rad/s]
+    that are negative or not finite.
     """
     given = np.asarray(frequencies, dtype=np.float64)
     check_frequencies(given)
@@ -218,8 +227,8 @@ def density_of_states(chain: Chain, frequencies: ArrayLike) -> Array:
 def winding_number(chain: Chain, lean: int) -> int:
     """Return how often det R(k) of `bloch_matrix` winds around 0 along the Brillouin zone [1].
 
-    The determinant is q+^2 - q-^2 e^(2 i k a). If it winds, the zero mode is at the first edge,
-    and otherwise at the last edge (paper, section 1).
+    The determinant is q+^2 - q-^2 e^(2 i k a). If the result is 1, the zero mode is at the first
+    edge; if the result is 0, it is at the last edge (paper, section 1).
 
     >>> [winding_number(Chain(), lean) for lean in (+1, -1)]
     [0, 1]

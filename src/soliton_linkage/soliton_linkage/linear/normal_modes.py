@@ -3,8 +3,9 @@
 
 Let R be the rigidity matrix, I and k_e the diagonal matrices of the moments of inertia and the
 stiffnesses, and B = k_e^(1/2) R I^(-1/2). The modes are the right singular vectors of B, and the
-angular frequencies are its singular values. Their rounding errors are about 1e-16 of the largest
-frequency; from the eigenvalues of B^T B, they would be 1e-8.
+angular frequencies are its singular values. The rounding errors of these frequencies are about
+1e-16 of the largest frequency. If the frequencies were computed from the eigenvalues of B^T B, the
+errors would be 1e-8.
 """
 
 from __future__ import annotations
@@ -44,8 +45,8 @@ class NormalModes:
 def normal_modes(chain: Chain, angles: ArrayLike) -> NormalModes:
     """Return the normal modes about a configuration in which all springs are relaxed.
 
-    With free ends, the zero mode is the first mode. Takes a time O(N^3). Raises ValueError if a
-    spring is stretched.
+    With free ends, the zero mode is the first mode. The computing time is O(N^3). Raises
+    ValueError if a spring is stretched.
     """
     matrix = _weighted_rigidity_matrix(chain, _relaxed(chain, angles))
     _, singular, rows = svd(matrix)
@@ -99,7 +100,8 @@ def mode_energies(modes: NormalModes, displacements: ArrayLike, rates: ArrayLike
     """Return the energy of each mode [J], E_j = (eta_j_dot^2 + omega_j^2 eta_j^2) / 2, (..., N).
 
     The mode coordinates are eta = shapes^T diag(I) dphi with the `displacements` dphi [rad], (...,
-    N), and eta_dot follows from `rates` [rad/s]. Raises ValueError for another length than N.
+    N), and eta_dot follows from `rates` [rad/s]. Raises ValueError if the last axis of an array
+    does not have the length N.
     """
     coordinates = _coordinates(modes, displacements, 'displacements')
     speeds = _coordinates(modes, rates, 'rates')

@@ -17,10 +17,11 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 VANISHING = 1e-280
-"""Smaller products of lever and spring length are replaced by this [m^2/rad], as divisors."""
+"""Smallest product of a lever and a spring length in the computation of the zero mode [m^2/rad].
+Smaller products are replaced by this value, because they are divisors."""
 _BLOCK = 500
-"""Number of factors between 1/2 and 1 that are multiplied before the product is rescaled [1].
-Their product stays above 2^-1022, the smallest normal double."""
+"""Number of factors that are multiplied before the product is rescaled [1]. Because each factor is
+between 1/2 and 1, the product stays above 2^-1022, the smallest normal double."""
 _FAR_FROM_OVERFLOW = 1e100
 """If a component of a mode, or the inverse of a component, is larger than this [1], the mode is
 computed again with separate exponents. Squares of smaller components do not overflow."""
@@ -34,7 +35,7 @@ class Edge(enum.Enum):
     LAST = 'last'
 
     def resolved(self, chain: Chain, angles: Array) -> Edge:
-        """Return this edge; for NEAREST, the one nearer to the mode's centre at `angles` [rad]."""
+        """Return this edge; for NEAREST, return the edge nearer to the centre of the zero mode."""
         return self if self is not Edge.NEAREST else _nearest(zero_mode(chain, angles))
 
 
@@ -74,7 +75,7 @@ def zero_modes(chain: Chain, angles: Array, tolerance: float = 1e-10) -> Array:
 
     The number N_0 of zero modes and the number N_ss of states of self-stress satisfy
     N_0 - N_ss = N - `number_of_springs` (paper, section 1). Singular values below `tolerance`
-    times the largest singular value count as 0. Takes a time O(N^3).
+    times the largest singular value count as 0. The computing time is O(N^3).
     """
     from scipy.linalg import null_space
 
@@ -82,7 +83,11 @@ def zero_modes(chain: Chain, angles: Array, tolerance: float = 1e-10) -> Array:
 
 
 def states_of_self_stress(chain: Chain, angles: Array, tolerance: float = 1e-10) -> Array:
-    """Return orthonormal spring tensions s [1], R^T s = 0, (springs, N_ss); see `zero_modes`."""
+    """Return orthonormal states of self-stress as columns [1], shape (springs, N_ss).
+
+    A state of self-stress consists of spring tensions s with R^T s = 0. `zero_modes` explains N_ss
+    and `tolerance`.
+    """
     from scipy.linalg import null_space
 
     return np.asarray(null_space(rigidity_matrix(chain, angles).toarray().T, tolerance))
@@ -92,9 +97,9 @@ def zero_mode(chain: Chain, angles: Array) -> Array:
     """Return the zero mode at a configuration: the unit vector t [1] with R t = 0, shape (N,).
 
     The recursion t_{n+1} = -(A_n / B_n) t_n with the levers A and B of `rigidity_bands` has no
-    cancellation and takes a time O(N). t_n has the sign of (-1)^n prod_{j < n} A_j prod_{j >= n}
-    B_j, a maximal minor of R, so that t is continuous along a motion of the chain. Raises
-    ValueError for periodic ends.
+    cancellation and takes a time O(N). The sign of t_n is the sign of
+    (-1)^n prod_{j < n} A_j prod_{j >= n} B_j, a maximal minor of R. With this sign, t is
+    continuous along a motion of the chain. Raises ValueError for periodic ends.
 
     >>> chain = Chain(number_of_rotors=10)
     >>> leaning_left = chain.uniform_state(-1)
@@ -114,10 +119,11 @@ def mode_centre(mode: Array) -> float:
 def mode_towards_last(chain: Chain, angles: Array) -> Array:
     """Return the zero mode with the sign that moves the wall towards the last rotor [1], (N,).
 
-    In a spinner, a motion along the mode then increases the sum of h_n = r sin(phi_n). In a
-    left-leaning flipper with d < 1, it increases all theta_n, and all levers A_n and B_n have the
-    sign (-1)^(n+1), or upside down the opposite sign. When an edge rotor swings past the mass of
-    its neighbour, A_0 or B_{N-2} changes its sign, and so does the result relative to `zero_mode`.
+    In a spinner, a motion along this mode increases the sum of h_n = r sin(phi_n). In a
+    left-leaning flipper with d < 1, this motion increases all theta_n. All levers A_n and B_n of
+    this flipper have the sign (-1)^(n+1), or the opposite sign if the chain is upside down. When
+    an edge rotor swings past the mass of its neighbour, A_0 or B_{N-2} changes its sign. The sign
+    of the result relative to `zero_mode` then also changes.
     """
     first, second = _levers_of_free_chain(chain, angles)
     mode = _zero_mode_of(first, second)
@@ -131,7 +137,8 @@ def mode_towards_last(chain: Chain, angles: Array) -> Array:
 def edge_mode(chain: Chain, angles: Array, edge: Edge, anywhere: bool = False) -> Array:
     """Return the normalised zero mode that moves the wall away from an edge [1], shape (N,).
 
-    Unless `anywhere`, raises ValueError if the centre of the mode is nearer to the other edge.
+    Raises ValueError if the centre of the mode is nearer to the other edge, unless `anywhere` is
+    true.
     """
     return resolved_edge_mode(chain, angles, edge, anywhere)[1]
 
@@ -139,7 +146,7 @@ def edge_mode(chain: Chain, angles: Array, edge: Edge, anywhere: bool = False) -
 def resolved_edge_mode(
     chain: Chain, angles: Array, edge: Edge, anywhere: bool = False
 ) -> tuple[Edge, Array]:
-    """Return the edge, where FIRST or LAST replaces NEAREST, and the result of `edge_mode`."""
+    """Return the edge as FIRST or LAST, also for NEAREST, and the result of `edge_mode`."""
     mode = mode_towards_last(chain, angles)
     nearest = _nearest(mode)
     end = nearest if edge is Edge.NEAREST else edge

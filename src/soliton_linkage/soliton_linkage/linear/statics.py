@@ -55,15 +55,19 @@ def unstretched(chain: Chain, angles: Array) -> Array:
 
 
 def rest_state(chain: Chain, lean: int) -> Array:
-    """Return the relaxed state near the uniform state `lean` (+1 or -1) [rad]; else ValueError."""
+    """Return the angles [rad] of the relaxed state near the uniform state `lean` (+1 or -1).
+
+    Raises ValueError if there is no such state.
+    """
     return unstretched(chain, chain.uniform_state(lean))
 
 
 def toggled_angle(chain: Chain, angles: Array, edge: Edge) -> float:
     """Return the other angle of an edge rotor at which its spring has the same length [rad].
 
-    It is 2 psi - phi, with the direction psi from the pivot of the edge rotor to the mass of its
-    neighbour. A wall that is reflected at this edge leaves the edge rotor at the other angle.
+    If the edge rotor has the angle phi, the other angle is 2 psi - phi, where psi is the direction
+    from the pivot of the edge rotor to the mass of its neighbour. A wall that is reflected at this
+    edge leaves the edge rotor at the other angle.
     """
     checked = chain.check_angles(angles)
     last = edge.resolved(chain, checked) is Edge.LAST
@@ -109,9 +113,10 @@ def gram_matrix_bands(first: Array, second: Array) -> Array:
 def stiffness_matrix(chain: Chain, angles: Array) -> csc_array:
     """Return the second derivatives of the elastic energy [N m/rad^2], sparse, shape (N, N).
 
-    With the length l, rest length lbar and stiffness k_e of each spring, it is the sum over the
-    springs of k_e (grad l grad l^T + (l - lbar) grad grad l), where grad is the derivative by the
-    angles and grad grad l = grad grad e / (2 l) - grad l grad l^T / l with e = l^2 - lbar^2.
+    The matrix is the sum of k_e (grad l grad l^T + (l - lbar) grad grad l) over all springs, with
+    the length l, rest length lbar and stiffness k_e of each spring. Here grad is the derivative
+    with respect to the angles, and grad grad l = grad grad e / (2 l) - grad l grad l^T / l with
+    e = l^2 - lbar^2.
     """
     checked = chain.check_angles(angles)
     extensions, first, second = chain.springs(checked)
