@@ -91,7 +91,6 @@ def _parse(text: str, descriptor: ParameterDescriptor) -> ParameterValue:
 
 
 def _is_sendable(value: Any) -> bool:
-    """Return whether `value` is a bool, a float, a text or an integer of at most 64 bits."""
     fits = not isinstance(value, int) or abs(value) <= LARGEST_INTEGER
     return fits and isinstance(value, (bool, int, float, str))
 

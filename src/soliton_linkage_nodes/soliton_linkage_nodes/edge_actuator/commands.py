@@ -61,7 +61,11 @@ class EdgeActuatorParameters:
         86_400.0,
     )
     longest_command: float = quantity(
-        600.0, 'largest duration of a command, and future time of its stamp', 's', 1e-3, 86_400.0
+        600.0,
+        'largest duration of a command, and largest time from now to its stamp',
+        's',
+        1e-3,
+        86_400.0,
     )
     speed_limit: float = quantity(100.0, 'largest speed of a kick', 'rad/s', 0.0, 1e6)
     torque_limit: float = quantity(

@@ -40,8 +40,6 @@ def _ignore(_message: Any) -> None:
 
 
 def _with_info(take: Callable[[Any, Info], None]) -> Callable[..., None]:
-    """Return a callback that passes a message and its `Info` to `take`."""
-
     @wraps(take)
     def take_both(*given: Any) -> None:
         take(*(given[0] if len(given) == 1 else given))

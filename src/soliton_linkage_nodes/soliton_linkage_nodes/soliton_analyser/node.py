@@ -74,7 +74,7 @@ class AnalyserParameters:
     )
     stamps: str = quantity(
         'header',
-        'time of a frame: header, its stamp, or arrival, for drivers that publish no stamps',
+        'time of a frame: its stamp (header), or its arrival, for drivers that publish no stamps',
         choices=('header', 'arrival'),
     )
 
