@@ -231,9 +231,9 @@ def error_equations(
 ) -> tuple[Array, Array]:
     """Return the normal equations of the chain and K N encoder errors: matrix and right side.
 
-    The initial states are eliminated. `noise` is the standard deviation of a reading [rad],
-    `every` is an argument of `window_matrix`. `shapes` maps angles, (B, N), to the `shapes` that
-    `window_matrix` needs, (K, B, N).
+    The initial states are eliminated. `noise` is the standard deviation of a reading [rad], and
+    `every` is an argument of `window_matrix`. The function `shapes` maps angles, (B, N), to the
+    argument `shapes` of `window_matrix`, (K, B, N).
     """
     parts: list[tuple[Array, Array]] = []
     for window in windows:

@@ -74,8 +74,8 @@ _SAMPLED_STEPS = 20
 """Largest number of steps of the fit of a sample [1]; 3 to 10 are usual."""
 _FITTING = 0.5
 """Two windows are merged if the motion of the first one, continued through the second one, fits
-the readings there: the root mean square of the norm of the residuals of a frame must be smaller
-than this [rad]."""
+the readings there. The norm of the residuals of each frame is computed, and the root mean square
+of these norms must be smaller than this [rad]."""
 UNEXPLAINED = 1.5
 """A model matches readings if its residual noise is at most this times the reading noise [1]."""
 _SIGNIFICANT = 3.0

@@ -45,7 +45,8 @@ _LARGEST_STRETCH = 0.02
 """Largest acceptable stretch of a bond, the relative difference of its apparent from its
 configured length [1]. An encoder zero error of 0.05 rad causes a larger stretch."""
 _LARGEST_OFFSET = 2.9
-"""Zero errors up to this are tried as a cause of stretches [rad]; larger ones are half turns."""
+"""Zero errors up to this are tried as a cause of stretches [rad]; larger ones count as half
+turns."""
 _LARGEST_CHANGE = 0.3
 """Relative errors of lengths up to this are tried as the cause of the stretches [1]."""
 _EXPLAINED = 1 / 3

@@ -22,7 +22,7 @@ _INITIAL_FRAMES = 25
 _RATE_FRAMES = 8
 """Number of frames from which the initial rates of a window are estimated."""
 _FEWEST_FRAMES = 30
-"""Frames between two impulses are used only if there are at least this many."""
+"""The frames between two impulses are used only if their number is at least this."""
 ARRIVAL = 0.05
 """Largest delay between the command of an impulse and its effect [s]."""
 _MERGED = 2

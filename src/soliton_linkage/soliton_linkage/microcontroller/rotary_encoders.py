@@ -23,7 +23,7 @@ _COMPARED_NUMBERS = 4
 
 @dataclass(frozen=True)
 class RotaryEncoders:
-    """Resolution and mounting of encoders: at q turns, the angle is 2 pi sign q - offset.
+    """Resolution and mounting of encoders: a reading of q turns is the angle 2 pi sign q - offset.
 
     Raises ValueError for values out of range.
     """

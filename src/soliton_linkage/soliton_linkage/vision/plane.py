@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plane of a chain in front of a camera.
 
-The ray from the camera to the point (x, z) at the height h above the plane, towards the camera, is
+Heights h above the plane are positive towards the camera. The ray from the camera to the point (x,
+z) at the height h is
 
     g1 x + g2 z + g3 + h g1 x g2    (cross product),
 

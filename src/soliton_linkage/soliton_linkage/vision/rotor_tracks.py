@@ -21,8 +21,8 @@ _INITIAL_RATE = 10.0
 _MIN_DEVIATION = 0.03
 """Assumed standard deviation of a predicted angle immediately after a measurement [rad]."""
 _MAX_DEVIATION = 1.5
-"""The predicted angle of a rotor determines its whole turns only if the standard deviation of the
-prediction is smaller than this [rad]."""
+"""The whole turns of a rotor are computed from its predicted angle only if the standard deviation
+of the prediction is smaller than this [rad]."""
 _UNMEASURED = 0.07
 """Assumed relative standard deviation of configured lengths [1], typical of handmade parts."""
 _MEASURED_ROTOR, _MEASURED_BOND = 0.02, 0.03
@@ -56,7 +56,8 @@ class RotorTracks:
         self.lengths = chain.rotor_lengths.copy()
         """Mean measured length of each rotor [m], (N,), at first the configured value."""
         self.bonds = chain.rest_lengths[: rotors - 1].copy()
-        """Mean measured distance of neighbouring masses [m], (N - 1,), at first as configured."""
+        """Mean measured distance of neighbouring masses [m], (N - 1,), at first the rest
+        length."""
         self._colours = layout.colours
         self._length_counts, self._bond_counts = np.zeros(rotors), np.zeros(rotors - 1)
         self._times = np.full((_MEMORY, rotors), -np.inf)
@@ -68,7 +69,8 @@ class RotorTracks:
     def predict(self, times: Array, pivots: Array, dot_deviation: float) -> Prediction:
         """Return the states predicted for times [s], (N,).
 
-        `pivots` have shape (N, 2) [m], and `dot_deviation` is the standard deviation of a dot [m].
+        `pivots` are the positions of the pivots [m], (N, 2), and `dot_deviation` is the standard
+        deviation of the position of a dot [m].
         """
         unknown, loose = (n < _MIN_MEASUREMENTS for n in (self._length_counts, self._bond_counts))
         of_lengths = np.where(unknown, _UNMEASURED, _MEASURED_ROTOR) * self.lengths
