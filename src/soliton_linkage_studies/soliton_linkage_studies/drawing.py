@@ -120,7 +120,7 @@ def limits(
 
 
 def lean_norm(chain: Chain) -> FuncNorm:
-    """Return the matplotlib norm from displacements u [m] to positions in `LEAN_COLOURS`."""
+    """Return the matplotlib norm that maps displacements u [m] to positions in the colour map."""
     positions, shares = palette.lean_colour_scale(chain)
     return FuncNorm(
         (partial(_between, positions, shares), partial(_between, shares, positions)),

@@ -125,7 +125,11 @@ def _leg(simulation: RigidSimulation, left: int) -> tuple[int, Leg]:
 
 
 def _wall(chain: Chain, angles: Array) -> tuple[float, int, tuple[bool, bool]]:
-    """Return centre and peak of the zero mode, and for each edge rotor the side of its spring."""
+    """Return centre and peak of the zero mode, and whether the lever of each edge is positive.
+
+    The lever of an edge is the derivative of the length of its spring with respect to the angle of
+    its rotor. It is 0 if rotor and spring are in line.
+    """
     mode = zero_mode(chain, angles)
     first, second = rigidity_bands(chain, angles)
     toggled = bool(first[0] > 0), bool(second[-1] > 0)
@@ -184,7 +188,7 @@ class SentWall(NamedTuple):
 
 @dataclass(frozen=True)
 class Measure:
-    """Measurement on a chain with one or more result columns, one of which a picture shows."""
+    """Measurement on a chain, whose results fill one or more columns of the table."""
 
     take: Callable[[Chain, SweepTrial], dict[str, Value]]
     columns: tuple[str, ...]

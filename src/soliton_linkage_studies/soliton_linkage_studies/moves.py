@@ -41,7 +41,7 @@ _SAMPLE_EVERY = 20
 """Number of simulated frames per frame of a `MoveRun` [1]."""
 DISORDERED = ('spacing', 'rotor_length', 'mass', 'stiffness', 'rest_length')
 _DRAWS = 100
-"""Largest number of random disorders that are tried to find one that a wall can pass [1]."""
+"""Largest number of random chains that are tried to find one that a wall can pass [1]."""
 
 
 @dataclass(frozen=True)
@@ -196,7 +196,7 @@ def numbered_tasks(
 
 
 def runs_by_key(numbered: Mapping[tuple[MoveKey, int], MoveRun]) -> dict[MoveKey, list[MoveRun]]:
-    """Group runs by chain and condition; the keys of `numbered` are those of `numbered_tasks`."""
+    """Group runs by chain and condition; `numbered` has the same keys as `numbered_tasks`."""
     runs: dict[MoveKey, list[MoveRun]] = {}
     for (key, _), run in numbered.items():
         runs.setdefault(key, []).append(run)

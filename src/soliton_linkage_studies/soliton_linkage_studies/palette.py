@@ -53,9 +53,9 @@ LEAN_COLOURS = 'PuOr'
 _REST = 0.30
 """Distance between the middle of the colour map and the colour of a rest state [map lengths]."""
 _NEAR_REST = ((0.95, 0.24), (1.0, _REST), (1.02, 0.36), (1.05, 0.41), (1.2, 0.46))
-"""Nodes of the colour scale: displacement / rest displacement [1], and distance between its colour
-and the middle of the map [map lengths]. Near the rest state the colour changes so fast that
-oscillations of a few per cent are visible."""
+"""Nodes of the colour scale: displacement / rest displacement [1], and distance between the colour
+of this displacement and the middle of the map [map lengths]. Near the rest state the colour
+changes so fast that oscillations of a few per cent are visible."""
 LEANS_RIGHT, LEANS_LEFT = (to_hex(colormaps[LEAN_COLOURS](0.5 + side * _REST)) for side in (1, -1))
 """Colours of the right-leaning and of the left-leaning uniform state."""
 

@@ -101,7 +101,7 @@ def track_positions(axes: Axes, chain: Chain, track: Track) -> Axes:
 
 
 def track_velocities(axes: Axes, track: Track, crossings: tuple[Crossing, ...]) -> Axes:
-    """Draw soliton velocity, its standard deviation, and the mean velocity of each crossing."""
+    """Draw the soliton velocity, its standard deviation, and the mean velocity of crossings."""
     axes.plot(
         track.times, track.site_rates, color=palette.MEASURED, linewidth=0.8, label='measured'
     )

@@ -68,10 +68,11 @@ class Section:
         return {name: chain_from(each) for name, each in self.sections('chains').items()}
 
     def values_of(self, kind: type, *more: str) -> dict[str, Any]:
-        """Return, by name, a value for each field of the dataclass `kind` that `setting` defined.
+        """Read a value for each field of the dataclass `kind`; return the values by field name.
 
-        The section may also contain the keys `more`, whose values are not returned. Raises
-        ValueError for an invalid value or any other key.
+        The function `setting` must have defined the fields. The section may also contain the keys
+        `more`, whose values are not returned. Raises ValueError for an invalid value or any other
+        key.
         """
         described = described_fields(kind)
         self.check_keys(*more, *described)
@@ -142,7 +143,7 @@ class Section:
 
 
 def load_settings(path: Path | str) -> Section:
-    """Read a YAML file. Raises ValueError if it cannot be read or contains no mapping."""
+    """Read a YAML file. Raises ValueError if the file cannot be read or contains no mapping."""
     try:
         content = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
     except (OSError, UnicodeDecodeError) as error:

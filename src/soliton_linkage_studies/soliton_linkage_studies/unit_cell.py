@@ -11,12 +11,13 @@ delta = (theta_2 - theta_1) / 2, the condition becomes
 
     sin(delta) = (r / a) (cos(theta_bar)^2 / cos(s) - cos(s)).
 
-Two symmetries map solutions to solutions: s -> -s, which is (theta_1, theta_2) -> (-theta_2,
--theta_1), and delta -> pi - delta, which is (theta_1, theta_2) -> (theta_2 - pi, theta_1 + pi). If
-the lean ratio d is above its critical value d_c, no solution has s = 0. The solutions with s > 0
-and s < 0 are then two separate components, and the cell is a spinner (paper, 'Phase diagram', fig.
-4). The condition d > d_c is equivalent to r sin(theta_bar)^2 > a, and to lbar < 2 r - a for the
-rest length lbar of the bar. Deviations of single rotors and springs are ignored.
+Two symmetries map each solution to another solution. The first is s -> -s, that is (theta_1,
+theta_2) -> (-theta_2, -theta_1). The second is delta -> pi - delta, that is (theta_1, theta_2) ->
+(theta_2 - pi, theta_1 + pi). If the lean ratio d is above its critical value d_c, no solution has
+s = 0. The solutions with s > 0 and s < 0 are then two separate components, and the cell is a
+spinner (paper, 'Phase diagram', fig. 4). The condition d > d_c is equivalent to r sin(theta_bar)^2
+> a, and to lbar < 2 r - a for the rest length lbar of the bar. Deviations of single rotors and
+springs are ignored.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Errors of estimators and of the analyser, compared with the Cramer-Rao bound or the truth.
+"""Errors of estimators and of the analyser, compared with bounds and stated standard deviations.
 
 To add an estimator that uses one frame, register it in `estimators.ESTIMATORS` and write a test.
 """

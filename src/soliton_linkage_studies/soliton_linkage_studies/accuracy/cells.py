@@ -89,7 +89,7 @@ class AccuracyCell:
     largest_impulse: float = 0.5
     """Largest relative change of the wall speed by one impulse [1]."""
     configured_chain: Chain | None = None
-    """Chain with which the analyser is configured if this is a wrong chain, otherwise None."""
+    """Wrong chain with which the analyser is configured; None if the configured chain is right."""
 
     @property
     def invalid_input(self) -> bool:

@@ -81,7 +81,7 @@ def inner_positions(chain: Chain) -> tuple[float, float]:
 
 
 def estimators_of(chain: Chain) -> dict[str, Estimator]:
-    """Return the estimators by name; `SHIFTED_CROSSING` is omitted if the chain is no spinner."""
+    """Return the estimators by name; `SHIFTED_CROSSING` is only for spinners."""
     omitted = () if chain.motion is Motion.SPINNER else (SHIFTED_CROSSING,)
     return {name: each for name, each in ESTIMATORS.items() if name not in omitted}
 

@@ -78,7 +78,7 @@ class RecordStudy:
         save_page(report, folder, 'record', 'record.md')
 
     def run(self, chain: int, run: int) -> Array:
-        """Simulate a run; return errors and stated deviations, shape (4, evaluated frame counts).
+        """Simulate a run; return errors and stated standard deviations, shape (4, frame counts).
 
         The rows are the position error [rotor spacings], the relative velocity error [1], and the
         stated standard deviations of both.

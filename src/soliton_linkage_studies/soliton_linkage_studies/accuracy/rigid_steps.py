@@ -70,7 +70,10 @@ class RigidSteps:
         save_page(report, folder, 'rigid_steps', 'rigid_steps.md')
 
     def errors(self, chain: Chain) -> tuple[Array, Array, Array]:
-        """Return step counts, and the largest length and energy errors since the count before."""
+        """Return step counts, and the largest length and energy errors before each count.
+
+        The errors before a count include all steps since the previous count.
+        """
         angles = chain.uniform_state(-1)
         rates = self.speed / chain.time_unit * mode_towards_last(chain, angles)
         period = _PERIOD * chain.time_unit

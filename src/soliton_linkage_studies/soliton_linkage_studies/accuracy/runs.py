@@ -47,7 +47,8 @@ lengths]."""
 _FALSE_MISFIT = 0.5
 """In a scene without walls, a reported wall is false if its rms misfit is above this [rad]."""
 _CORE = 2.5
-"""The misfit of a reported wall is computed from rotors within this distance [rotor spacings]."""
+"""The misfit of a wall is computed from rotors within this distance of the wall [rotor
+spacings]."""
 _SCENES = 8
 """Largest number of simulated scenes per cell [1]; a record is a random part of one of them."""
 _LONGER = 2
@@ -58,7 +59,7 @@ Otherwise it is at any random rotor."""
 
 
 def records(cell: AccuracyCell, frames: int, random: Generator) -> Iterator[Scores]:
-    """Simulate and analyse records with `frames` frames in total; yield the scores of each."""
+    """Simulate and analyse records with `frames` frames in total; yield scores of each record."""
     run = min(cell.run, frames)
     left, template = frames, Analyser(cell.analysed_chain)
     scenes: list[WallScene] = []

@@ -151,9 +151,9 @@ def averages_and_slopes(
 ) -> tuple[Array, Array]:
     """Return a moving average and a slope for each value.
 
-    The average is over 2 b + 1 values around each index, with b = `beside`. The slope is that of a
-    line (of a cubic if `cubic` is true) fitted to 3 b values before and 3 b values after the
-    index. No average and no fit extends across an index in `breaks`.
+    The average is over 2 b + 1 values around each index, with b = `beside`. The slope is the slope
+    of a line, or of a cubic if `cubic` is true, that is fitted to 3 b values before and 3 b values
+    after the index. No average and no fit extends across an index in `breaks`.
 
     If the values have the second derivative x'' with respect to the index, the average is too
     large by x'' b (b + 1) / 6. `forced`, which requires `cubic`, subtracts this error and doubles

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Integrator of elastic chains that shares only the geometry of a spring with the simulator.
+"""Second integrator of elastic chains; it shares only the spring geometry with the simulator.
 
 A step of length h is Suzuki's symplectic composition of five leapfrog steps, of order 4. With
 angles x, rates v, torques F and moments of inertia I, the leapfrog steps are

@@ -24,7 +24,7 @@ COLUMNS = (
 """Columns that are measured for a test cell (`AccuracyCell`). `speed` is the speed of the fastest
 wall [speed of sound]. Columns that begin with `position`, `rate` or `kinetic` are statistics of
 the error of wall position, wall velocity or kinetic energy, divided by its stated standard
-deviation; `instant_rms` uses the wall position without an average over time. `rms` is the root
+deviation. `instant_rms` uses the wall position without an average over time. `rms` is the root
 mean square and `rms_error` its standard error. `99` and `max` are the 99 % quantile and the
 maximum of the absolute value. `beyond_4`, `coverage_1` and `coverage_2` are the fractions of
 absolute values above 4, below 1 and below 2 [%]. `bias` is the mean. `error_rms` is the rms
@@ -137,7 +137,7 @@ def number_text(number: float) -> str:
 
 
 def check_comparable(cells: Sequence[AccuracyCell], seed: int, earlier: Sequence[Row]) -> None:
-    """Raise ValueError if the earlier table contains none of `cells`, the cells of `seed`."""
+    """Raise ValueError if the earlier table contains none of `cells`, which belong to `seed`."""
     if not earlier or not {'cell', *CELL_COLUMNS, *_COMPARED} <= earlier[0].keys():
         raise ValueError('the earlier table does not contain cells; give a file cells.csv')
     known = {_key(row) for row in earlier}

@@ -33,7 +33,8 @@ _SAMPLES = 65
 _LONGEST = 0.3
 """Largest change of the angles in one Gauss-Newton step towards the nearest point [rad]."""
 _GAUSS_STEPS = 6
-"""Largest number of Gauss-Newton steps [1]; two suffice from the result of the previous frame."""
+"""Largest number of Gauss-Newton steps [1]; two are sufficient if the search starts at the result
+of the previous frame."""
 _CLOSE = 1e-6
 """The Gauss-Newton search ends when a step is smaller than this [rad]."""
 
@@ -197,7 +198,8 @@ _SETTLING = (60.0, 400.0)
 _ABSORPTION = 0.5
 """Decay rate of rotors outside a moving wall, which absorbs the phonons [1 / time unit]."""
 _BROKEN = 0.15
-"""A wall is broken if its misfit is above this times the angle by which a wall turns a rotor."""
+"""A wall counts as broken if its misfit, divided by the angle by which a wall turns a rotor, is
+above this [1]."""
 _STEP = 0.5
 """Interval between position measurements of a wall that is losing its phonons [time units]."""
 _SLOWER = 0.8

@@ -110,7 +110,10 @@ class ActiveStudy:
 
     @property
     def drives(self) -> Drives:
-        """Effect of the motors by chain name and charge; walls without stable path are omitted."""
+        """Effect of the motors by chain name and charge.
+
+        Walls without a path of stable states are omitted.
+        """
         found: Drives = {}
         for name, chain in self.chains.items():
             for charge in (1, -1):

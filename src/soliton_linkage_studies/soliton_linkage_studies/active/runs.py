@@ -196,8 +196,8 @@ def follow_charge(found: Sequence[Sequence[tuple[float, int]]], charge: int) -> 
 def terminal_velocity(run: ActiveRun) -> tuple[float, float]:
     """Return the terminal velocity of the wall and its standard error [rotor spacings/s].
 
-    Only frames after four decay times are used in which the wall is more than eight rotors away
-    from both ends. Both results are NaN for fewer than 16 such frames.
+    Frames are used after four decay times, while the wall is more than eight rotors away from both
+    ends. Both results are NaN for fewer than 16 such frames.
     """
     decay = run.chain.moment_of_inertia / run.chain.damping
     last = run.chain.number_of_rotors - 1 - _FROM_END

@@ -29,7 +29,7 @@ _ARM, _BOND, _WHITE = (70, 74, 80), (120, 110, 90), (246, 246, 242)
 _ARM_WIDTH, _BOND_WIDTH = 0.5, 0.12
 """Half widths of arms and bonds, divided by the radius of a label [1]."""
 _NOISES = 4
-"""Number of noise images [1]; each picture uses the next one with a random shift."""
+"""Number of noise images [1]; successive pictures use them in turn, each with a random shift."""
 
 
 @document_fields

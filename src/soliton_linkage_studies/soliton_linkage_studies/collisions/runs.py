@@ -59,16 +59,17 @@ class Collision:
     speed: float
     """Speed of each wall [speed of sound]."""
     onwards: bool = False
-    """Whether the anti-kink of a spinner continues the turn of the rotors by the kink, from left
-    to right along the ring. Otherwise the anti-kink turns the rotors back."""
+    """Whether both walls of a spinner turn the rotors in the same direction, if one follows the
+    ring from left to right. Otherwise the anti-kink turns back the rotors that the kink has
+    turned."""
     step: float = 1.0
     """Longest integration step, multiplied by the largest angular phonon frequency [1]."""
     integrator: str = 'symplectic'
     shift: float = 0.0
     """Shift of the initial positions of both walls along the ring [rotor spacings]."""
     patience: float = 120.0
-    """Time limit for the walls to meet, and then again for their escape [reach / c]. It is added
-    to the time that free walls with half of the initial speed would need."""
+    """Extra time for the walls to meet, and again for their escape [reach / c]. The time limit is
+    this time plus the time that free walls with half of the initial speed would need."""
 
     def __call__(self) -> CollisionRun:
         """Simulate the collision until the walls escape or the time limit is reached."""
@@ -227,7 +228,7 @@ def initial_state(task: Collision) -> State:
 def ring_order_field(ring: Chain, angles: Array) -> Array:
     """Return the order field of each rotor, shape (..., N).
 
-    It is +1 in the right-leaning rest state and -1 in the left-leaning one.
+    The order field is +1 in the right-leaning rest state and -1 in the left-leaning one.
     """
     theta = staggered(angles)
     if ring.motion is Motion.SPINNER:

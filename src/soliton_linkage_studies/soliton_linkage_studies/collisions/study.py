@@ -94,7 +94,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class CollisionStudy:
-    """Collision study of a settings file; each entry gives one row of the table."""
+    """Collision study that a settings file describes; each entry gives one row of the table."""
 
     entries: tuple[Entry, ...]
     pictures: dict[str, Collision]

@@ -41,7 +41,8 @@ _POINTS_A_WIDTH = 12
 """Number of grid points per wall width [1]. Sensitivity: at 2x, the speed after a collision
 changes by less than 1e-5."""
 _ITERATIONS = 20
-"""Largest number of Gauss-Newton iterations [1]; searches converge within ten or never."""
+"""Largest number of Gauss-Newton iterations [1]; a search converges within ten iterations or not
+at all."""
 _LONGEST_STEP = 0.3
 """Largest change of an angle in one iteration [rad]; with longer steps, searches diverge."""
 _CONVERGED = 1e-8

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One page that validates chains driven by actuators, by a tilt or by the steering."""
+"""Study of chains that are driven by an actuator, a tilt or a controller."""

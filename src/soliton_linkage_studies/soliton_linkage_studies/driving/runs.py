@@ -29,7 +29,8 @@ from soliton_linkage_studies.settings import Section, setting
 
 _KEYS = ('step', 'work', 'energy_balance', 'stiffness', 'tilt', 'moves')
 _WORK_PERIOD = 0.002
-"""Frame period of a chain with an actuator [s], a small fraction of its filling time."""
+"""Frame period of a chain with an actuator [s], a small fraction of the filling time of the
+actuator."""
 
 
 @dataclass(frozen=True)

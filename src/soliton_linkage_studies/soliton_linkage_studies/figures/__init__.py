@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Figures of the paper and additional figures, each compared with theory.
 
-To add a figure, write a module in this package that registers a function in `FIGURES`. Then add a
-section of this name to the settings file, and write a test.
+To add a figure, write a module in this package that registers a function under a name in
+`FIGURES`. Then add a section of this name to the settings file, and write a test.
 """
 
 from __future__ import annotations

@@ -99,7 +99,7 @@ def _deviating(chain: Chain, fraction: float, seed: int) -> Chain:
 
 
 def _compare_passage(report: FigureReport, fractions: Array, free: Array, passed: Array) -> None:
-    """Add the fractions of rigid-bar chains that a wall crosses in both directions to `report`.
+    """Add to `report` the fractions of rigid-bar chains that a wall crosses in both directions.
 
     `free` (whether the chain has no blocked bond) and `passed` (whether the wall crossed and
     returned) have shape (F, K): F strengths of disorder in `fractions`, and K chains for each.

@@ -36,7 +36,8 @@ LEFT, WIDTH, BOTTOM, TOP = 0.07, 0.90, 0.085, 0.88
 """Area for the panels below the title, as fractions of the figure width and height [1]."""
 
 TOLERANCE = 1e-9
-"""Largest integration error of an angle per time unit [rad]; it is invisible in a filmed cycle."""
+"""Largest integration error of an angle per time unit [rad]; such errors are invisible in a
+film."""
 
 SPACE_TIME = (
     'The space-time diagram shows the displacement u, with one row for each past frame and one '
@@ -109,7 +110,7 @@ class Scene(ABC):
     def paint(self, frame: int) -> memoryview:
         """Return the RGBA pixels of a frame, top row first.
 
-        Artists that `add_moving` has not registered are drawn only for the first frame.
+        Artists that `add_moving` has not registered are drawn once; all frames reuse their pixels.
         """
         self.show(frame)
         if self._still is None:

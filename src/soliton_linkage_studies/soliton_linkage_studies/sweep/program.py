@@ -110,7 +110,10 @@ def curve_axes(axes: Sequence[Axis]) -> tuple[Axis, list[Axis]]:
 
 
 def shows_limits(axes: Sequence[Axis]) -> bool:
-    """Return whether the axes are r / a and rest angle, so that limits of classes can be drawn."""
+    """Return whether the axes are r / a and rest angle.
+
+    Only then can the limits between motion classes be drawn.
+    """
     return {axis.name for axis in axes} == {'rotor_length_ratio', 'rest_angle'}
 
 
@@ -228,7 +231,7 @@ def _curve_label(study: SweepStudy, families: bool) -> str:
 
 
 def _blended(each: Array, classes: Sequence[str]) -> Array:
-    """Return the colour of the most frequent class at each point, paler for a smaller fraction."""
+    """Return the colour of the most frequent class at each point, paler if fewer seeds agree."""
     colours = np.array([to_rgb(CLASS_COLOURS[name]) for name in classes])
     share = each.max(axis=-1, keepdims=True)
     return np.asarray(share * colours[each.argmax(axis=-1)] + (1 - share))

@@ -154,8 +154,7 @@ def group_velocity(chain: Chain, frequency: float) -> float:
 def packet_velocity(chain: Chain, recording: Recording, last: int) -> float:
     """Return the velocity of a wave packet between rotor 3 and rotor `last` [rotor spacings/s].
 
-    The packet arrives at a rotor at the time of the largest energy of this rotor and its two
-    neighbours.
+    The packet arrives at a rotor when the energy of this rotor and its two neighbours is largest.
     """
     energies = energy_per_rotor(chain, recording.angles, recording.rates)
     smooth = energies[:, 2:-2] + energies[:, 1:-3] + energies[:, 3:-1]
