@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node that replaces encoders: it measures the angles of the rotors in camera pictures."""
+"""Node that measures the angles of the rotors in camera pictures. It replaces encoders."""

@@ -34,14 +34,14 @@ from soliton_linkage_nodes.runtime.subscriptions import StreamSubscription
 _MOST_CAMERAS = 63
 """Largest number of a camera on Linux [1]."""
 _LONGEST_STATE_AGE = 1.0
-"""A `soliton_state` that is older than this is not drawn into the pictures [s]."""
+"""Largest age of a `soliton_state` that is drawn into the pictures [s]."""
 _STOP_LIMIT = 5.0
-"""Longest wait for the end of the camera thread, which may be waiting for a picture [s]."""
+"""Longest wait for the end of the camera thread [s]. The thread may be waiting for a picture."""
 
 
 @dataclass(frozen=True)
 class CameraEncodersParameters:
-    """Parameters for the source of the pictures and for the overlay."""
+    """Parameters of the source of the pictures and of the overlay."""
 
     pictures_from: str = quantity(
         'image',
@@ -66,10 +66,11 @@ class CameraEncoders(ManagedNode):
     """Node that measures the angles of the rotors in camera pictures.
 
     The pictures come from a camera of this machine, from `image` or from `image/compressed`. The
-    node also subscribes to `camera_info` and `soliton_state`. It publishes `joint_states` [rad],
-    stamped with the time of the exposure; the angle of a hidden rotor is NaN. It also publishes
-    `joint_state_deviations` [rad] and `/diagnostics`, `camera_overlay` if it has a subscriber, and
-    `chain` if parameters describe the chain.
+    node also subscribes to `camera_info` and `soliton_state`. It publishes the angles in
+    `joint_states` [rad] with the time of the exposure as stamp. The angles of hidden rotors are
+    NaN. It publishes the standard deviations of the angles in `joint_state_deviations` [rad], and
+    it publishes `/diagnostics`. If `camera_overlay` has a subscriber, it publishes this topic. If
+    parameters describe the chain, it publishes `chain`.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {
@@ -82,7 +83,7 @@ class CameraEncoders(ManagedNode):
 
     @property
     def calibrated(self) -> bool:
-        """Whether a calibration of the camera is known."""
+        """Whether the node has a calibration of the camera."""
         return self._camera is not None
 
     def configure(self) -> None:
@@ -130,16 +131,16 @@ class CameraEncoders(ManagedNode):
         self._reset_measurement()
 
     def measure(self, stamp: int, picture: Picture) -> None:
-        """Publish the angles in a picture; ValueError if the picture is rejected.
+        """Publish the angles in a picture that was exposed at `stamp` [ns].
 
-        `stamp` is the time of the exposure [ns].
+        Raises ValueError if the picture is rejected.
         """
         if self._measurement is None or self._named is None:
             return
         begin = time.perf_counter()
         reading = self._reading = self._measurement.measure(stamp, picture)
         if reading.frame.seen:
-            # Subscribers need the standard deviations when the angles arrive.
+            # Publish the standard deviations first. Subscribers need them when the angles arrive.
             self._deviations.publish(measuring.deviations_to_msg(self._named, reading))
             self._angles.publish(measuring.angles_to_msg(self._named, reading))
         self._publish_overlay(self._named, picture, reading)

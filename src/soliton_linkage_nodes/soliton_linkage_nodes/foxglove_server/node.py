@@ -24,7 +24,7 @@ _LOOPBACK = ('127.0.0.1', '::1', 'localhost')
 
 @dataclass(frozen=True)
 class FoxgloveServerParameters:
-    """Parameters of the server."""
+    """Parameters of the Foxglove server."""
 
     host: str = quantity('127.0.0.1', 'address of the server, 0.0.0.0 for all networks')
     port: int = quantity(8765, 'port of the server, 0 for any free port', '', 0, 65535)
@@ -37,7 +37,7 @@ class FoxgloveServerParameters:
 class FoxgloveServer(GuardedNode):
     """Node that serves the ROS graph to Foxglove and Lichtblick, as foxglove_bridge does.
 
-    It subscribes to the topics that its clients select. It publishes `/diagnostics` and the
+    The node subscribes to the topics that its clients select. It publishes `/diagnostics` and the
     messages that clients send.
     """
 
@@ -74,7 +74,7 @@ class FoxgloveServer(GuardedNode):
         return f'ws://{self.settings.host}:{self.serving.port}'
 
     def destroy_node(self) -> None:
-        """End the connections and destroy the node."""
+        """Close the connections and destroy the node."""
         self.serving.close()
         super().destroy_node()
 

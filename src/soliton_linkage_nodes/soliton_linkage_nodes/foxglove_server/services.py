@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Services of the ROS graph that the server offers to its clients."""
+"""Access of Foxglove clients to the services of the ROS graph."""
 
 from __future__ import annotations
 
@@ -21,19 +21,18 @@ from soliton_linkage_nodes.runtime.serialization import serialize
 Queue = Callable[[Callable[[], None]], None]
 """Function that queues a callback for execution by the executor of the node."""
 Reject = Callable[[str, str], None]
-"""Function that logs a rejected topic or service, given its name and the reason."""
+"""Function that logs the name of a rejected topic or service, and the reason."""
 
 
 class OfferedService:
     """Service of the ROS graph that clients may call."""
 
     def __init__(self, node: Node, name: str, type_: str, queue: Queue, reject: Reject) -> None:
-        """Describe the service for clients; ValueError if its type is not installed."""
+        """Describe the service for clients. Raises ValueError if the type is not installed."""
         self.name, self.type = name, type_
         self.answer_timeout = 10.0
         """Longest wait for the response of the service [s]."""
-        # The name of the type comes from an untrusted source. Therefore only ROS packages are
-        # imported.
+        # The name of the type comes from an untrusted source. Therefore import only ROS packages.
         request, response = (
             websocket.MessageSchema(
                 encoding='cdr',
@@ -49,7 +48,7 @@ class OfferedService:
         self._waiting: list[tuple[websocket.ServiceRequest, Future[bytes]]] = []
 
     def poll(self) -> None:
-        """Send the requests that wait for the service, if it is available."""
+        """Send the waiting requests to the service if it is available."""
         if not self._waiting:
             return
         if self._client is None:
@@ -63,7 +62,7 @@ class OfferedService:
             self._waiting = [each for each in self._waiting if not each[1].done()]
 
     def close(self) -> None:
-        """Destroy the ROS client of the service; requests that still wait fail with an error."""
+        """Destroy the ROS client of the service. The waiting requests end with an error."""
         for _, answer in self._waiting:
             _set_result(answer, ValueError(f'{self.name} ended'))
         self._waiting.clear()
@@ -71,7 +70,7 @@ class OfferedService:
             self._node.destroy_client(self._client)
 
     def _respond(self, request: websocket.ServiceRequest) -> bytes:
-        """Return the response of the service to a request; called in a thread of the server."""
+        """Return the response to a request. The server calls this method on its own thread."""
         answer: Future[bytes] = Future()
         self._queue(lambda: self._waiting.append((request, answer)))
         try:
@@ -85,7 +84,7 @@ class OfferedService:
     ) -> None:
         kind = self._service_type.Request
         try:
-            # Clients send a request without fields as one byte or as no byte at all.
+            # The payload of a request without fields has one byte or no byte.
             empty = not kind.get_fields_and_field_types()
             message = kind() if empty else deserialize_message(request.payload, kind)
         except Exception:  # the type of this error in rclpy has no public name
@@ -99,18 +98,21 @@ class OfferedService:
 
 
 class OfferedServices:
-    """Services of the ROS graph for clients, except services of this node and of actions."""
+    """Services of the ROS graph that clients may call.
+
+    Services of this node and services of actions are not offered.
+    """
 
     def __init__(
         self, node: Node, server: websocket.WebSocketServer, queue: Queue, reject: Reject
     ) -> None:
-        """Offer services on `server`; call `reject` for each one whose type is not installed."""
+        """Offer services on `server`. Call `reject` for each service of an unknown type."""
         self.services: dict[str, OfferedService] = {}
         self._node, self._server, self._queue, self._reject = node, server, queue, reject
         self._rejected: dict[str, Sequence[str]] = {}
 
     def search(self) -> None:
-        """Offer services that have appeared, and withdraw services that no longer exist."""
+        """Offer new services, and withdraw services that no longer exist."""
         listed: list[tuple[str, list[str]]] = self._node.get_service_names_and_types()
         # The graph also lists services that have clients but no server.
         found = {name: types for name, types in listed if self._node.count_services(name)}

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Websocket server of the Foxglove SDK, and the execution of requests of its clients.
+"""Websocket server of the Foxglove SDK, and execution of the requests of its clients.
 
-The SDK calls the callbacks of a listener on its own threads. These callbacks only queue functions
-that the executor of the node calls.
+The SDK calls the methods `on_...` on its own threads. These methods only queue functions, which
+the executor of the node calls.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ from soliton_linkage_nodes.runtime.interfaces import Topic, command_qos
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription
 
 _DEPTH = 1000
-"""Queue depth of a subscription [messages], enough for 1 s at 1000 messages per second."""
+"""Queue depth of a subscription [messages], sufficient for 1 s at 1000 Hz."""
 
 
 class OutgoingTopic:
-    """Channel by which clients receive the messages of a topic and their type definition."""
+    """Channel on which clients receive the messages and the type definition of a topic."""
 
     def __init__(self, node: Node, name: str, type_: str, context: Context) -> None:
-        """Offer a topic to clients; ValueError if its type is not installed."""
+        """Offer a topic to clients. Raises ValueError if the type is not installed."""
         self.name, self.type = name, type_
         self.sent = 0
         self._topic = Topic(name, message_class(type_), QoSProfile(depth=_DEPTH))
@@ -48,14 +48,14 @@ class OutgoingTopic:
 
     @property
     def subscribed(self) -> bool:
-        """Whether a client has subscribed to the topic."""
+        """Whether at least one client has subscribed to the topic."""
         return self._subscription is not None
 
     def poll(self, new_client: bool, adapt: bool) -> None:
-        """Subscribe to the topic while a client subscribes to its channel.
+        """Subscribe to the topic if a client has subscribed to the channel, else unsubscribe.
 
-        If a `new_client` has subscribed, latched messages are requested again for it. With
-        `adapt`, the quality of service is adapted to the publishers.
+        If `new_client` is set, latched messages are requested again for the new client. If `adapt`
+        is set, the quality of service is adapted to the publishers.
         """
         if not self._channel.has_sinks():
             self._unsubscribe()
@@ -69,7 +69,7 @@ class OutgoingTopic:
                 self._subscription.resubscribe()
 
     def close(self) -> None:
-        """End the subscription and withdraw the topic."""
+        """Unsubscribe, and withdraw the topic."""
         self._unsubscribe()
         self._channel.close()
 
@@ -87,7 +87,7 @@ class OutgoingTopics:
     """Channels for all topics of the ROS graph."""
 
     def __init__(self, node: Node, context: Context, reject: Callable[[str, str], None]) -> None:
-        """Offer topics in `context`; call `reject` for each one whose type is not installed."""
+        """Offer topics in `context`. Call `reject` for each topic of an unknown type."""
         self.topics: dict[str, OutgoingTopic] = {}
         self._sent_by_withdrawn = 0
         self._node, self._context, self._reject = node, context, reject
@@ -95,7 +95,7 @@ class OutgoingTopics:
 
     @property
     def sent(self) -> int:
-        """Number of messages that were sent to clients, for all topics together."""
+        """Total number of messages on all topics that were sent to clients."""
         return self._sent_by_withdrawn + sum(topic.sent for topic in self.topics.values())
 
     def search(self) -> None:
@@ -107,7 +107,7 @@ class OutgoingTopics:
                 topic.close()
                 del self.topics[name]
         for name, types in found.items():
-            # Hidden topics of actions are not offered.
+            # Do not offer the hidden topics of actions.
             hidden = '/_' in name or name in self.topics or self._rejected.get(name) == types
             if hidden or self._is_deserted(name):
                 continue
@@ -124,7 +124,7 @@ class OutgoingTopics:
         self.topics.clear()
 
     def _is_deserted(self, name: str) -> bool:
-        """Return whether a topic has no publisher, and no subscriber outside this node."""
+        """Return whether a topic has neither a publisher nor a subscriber in another node."""
         own = name in self.topics and self.topics[name].subscribed
         others: Any = self._node.count_subscribers(name) - own
         return not (others or self._node.count_publishers(name))
@@ -133,14 +133,14 @@ class OutgoingTopics:
 _ENCODINGS = ('cdr', 'json')
 """Encodings in which clients may publish messages."""
 Key = tuple[int, int]
-"""Number of a client, and number of one of the client's channels."""
+"""Number of a client, and number of one of its channels."""
 
 
 class IncomingTopic:
-    """Topic on which a client publishes."""
+    """Topic on which the messages of a client are published."""
 
     def __init__(self, node: Node, topic: str, type_name: str, encoding: str) -> None:
-        """Create the publisher; ValueError if encoding, type or name of the topic is invalid."""
+        """Create the publisher. Raises ValueError if encoding, type or topic name is invalid."""
         if encoding not in _ENCODINGS:
             raise ValueError(f'encoding {encoding!r} must be one of {", ".join(_ENCODINGS)}')
         self.name = topic
@@ -154,7 +154,7 @@ class IncomingTopic:
             raise ValueError(f'{type_name} cannot be published: {reason}') from error
 
     def publish(self, data: bytes) -> None:
-        """Publish a message of a client; ValueError if `data` is no message of the type."""
+        """Publish a message of a client. Raises ValueError if `data` is not a valid message."""
         if self._encoding == 'json':
             message: Any = built(self._type, load_json(data.decode(errors='replace')))
         else:
@@ -175,7 +175,7 @@ class Serving(ServerListener):
     def __init__(
         self, node: Node, address: tuple[str, int], read_only: bool, queue: Queue, reject: Reject
     ) -> None:
-        """Start the server at a host and a port; OSError if it cannot start."""
+        """Start the server at an address (host and port). Raises OSError if it cannot start."""
         self.published = 0
         self._node, self._queue, self._reject = node, queue, reject
         self._incoming: dict[Key, IncomingTopic] = {}
@@ -200,7 +200,7 @@ class Serving(ServerListener):
         self.services = None if read_only else OfferedServices(node, self._server, queue, reject)
 
     def poll(self, searching: bool) -> None:
-        """Execute requests of clients; if `searching`, also search for topics and services."""
+        """Execute client requests. If `searching` is set, also search for topics and services."""
         if searching:
             self.outgoing.search()
         if self.services is not None:
@@ -212,26 +212,26 @@ class Serving(ServerListener):
             topic.poll(name in new_clients, searching)
 
     def close(self) -> None:
-        """End all connections and stop the server."""
+        """Close all connections and stop the server."""
         if self.services is not None:
             self.services.close()
         self._server.stop()
         self.outgoing.close()
 
     def advertise(self, key: Key, topic: str, type_name: str, encoding: str) -> None:
-        """Create the publisher for a client's channel; an invalid topic is rejected."""
+        """Create the publisher for the channel of a client, or reject an invalid topic."""
         try:
             self._incoming[key] = IncomingTopic(self._node, topic, type_name, encoding)
         except ValueError as error:
             self._reject(topic, str(error))
 
     def unadvertise(self, key: Key) -> None:
-        """Destroy the publisher of a client's channel."""
+        """Destroy the publisher for the channel of a client."""
         if key in self._incoming:
             self._incoming.pop(key).close()
 
     def publish(self, key: Key, data: bytes) -> None:
-        """Publish a message of a client; an invalid message is rejected."""
+        """Publish a message of a client, or reject an invalid message."""
         topic = self._incoming.get(key)
         if topic is None:
             return
@@ -242,7 +242,7 @@ class Serving(ServerListener):
             self._reject(topic.name, str(error))
 
     def on_subscribe(self, client: Client, channel: ChannelView) -> None:
-        """Record that another client has subscribed to a topic."""
+        """Record that a new client has subscribed to a topic."""
         topic = channel.topic
         self._queue(lambda: self._new_clients.add(topic))
 

@@ -78,7 +78,7 @@ def _conclude(move: Move, ended: Any) -> None:
 
 @dataclass
 class Pull:
-    """Pull of one rotor towards the pointer, like that of a damped spring with limited torque."""
+    """Pull of one rotor towards the pointer by a damped spring with a limited torque."""
 
     rotor: int
     x: float

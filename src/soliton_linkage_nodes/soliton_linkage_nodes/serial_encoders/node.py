@@ -32,15 +32,14 @@ from soliton_linkage_nodes.serial_encoders.port import ReopenedPort, describe_po
 from soliton_linkage_nodes.serial_encoders.valves import ValveParameters, Valves
 
 _CLOCK_READINGS = 3
-"""Largest number of attempts to read two clocks without an interruption between the readings
-[1]."""
+"""Largest number of attempts to read two clocks without an interruption [1]."""
 _CLOCK_READING_LIMIT = 20_000
-"""A reading of two clocks was interrupted if it took longer than this, ten times the usual
-[ns]."""
+"""Duration above which a reading of two clocks counts as interrupted [ns]. A reading usually takes
+a tenth of this time."""
 _WARNING_PERIOD = 1.0
 """Shortest time between two warnings about restarts or jumps of the controller's clock [s]."""
 _LONGEST_DELAY = 0.5
-"""The node warns if frames are delayed by more than this, because the analyser skips them [s]."""
+"""Delay of the frames above which the node warns [s]. The analyser skips later frames."""
 
 
 @dataclass(frozen=True)
@@ -71,11 +70,11 @@ class SerialEncodersParameters:
 class SerialEncoders(ManagedNode):
     """Node that publishes the angles of a microcontroller and sends torques to its valves.
 
-    It publishes `joint_states` [rad], stamped with the time of the measurement; the angle of a
-    missing rotor is NaN. Before each frame it publishes the impulses of the valves on
-    `delivered_impulses` [N m s]. It also publishes `/diagnostics`, and `chain` if parameters
-    describe the chain. It subscribes to `rotor_torques` [N m]. If the chain has feedback, the
-    torques of the feedback are added to these torques.
+    The node publishes the angles in `joint_states` [rad] with the time of the measurement as
+    stamp. The angles of missing rotors are NaN. Before each frame the node publishes the impulses
+    of the valves in `delivered_impulses` [N m s]. It also publishes `/diagnostics` and, if
+    parameters describe the chain, `chain`. It subscribes to `rotor_torques` [N m]. If the chain
+    has feedback, the torques of the feedback are added to these torques.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {
@@ -116,7 +115,7 @@ class SerialEncoders(ManagedNode):
         self.get_logger().info(f'reading {self._source.description} on {self.settings.port}')
 
     def activate(self) -> None:
-        """Open the port and start to read it."""
+        """Open the port, and start the thread that reads it."""
         self.decoder.reset()
         if self.stream is not None:
             self.stream.reset()
@@ -138,7 +137,7 @@ class SerialEncoders(ManagedNode):
             )
 
     def deactivate(self) -> None:
-        """Close the valves, and then the port."""
+        """Close the valves first, and then the port."""
         self._command_timer.cancel()
         if self.valves is not None and not self.valves.closed:
             self.valves.release()
@@ -207,7 +206,7 @@ class SerialEncoders(ManagedNode):
         self._angles.publish(JointState(header=header, name=names, position=read.angles.tolist()))
 
     def _clock_offset(self) -> int:
-        """Return the time of the node's clock minus the time of the monotonic clock [ns]."""
+        """Return the time of the ROS clock minus the time of the monotonic clock [ns]."""
         clock, readings = self.get_clock(), []
         for _ in range(_CLOCK_READINGS):
             before = time.monotonic_ns()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Serial port that a thread reads, and opens again if the connection is lost."""
+"""Serial port that is read by a thread and reopened after a loss of the connection."""
 
 from __future__ import annotations
 
@@ -20,18 +20,17 @@ from typing import Any
 from soliton_linkage_nodes.runtime.pacing import raise_priority
 
 _READ_TIMEOUT = 0.1
-"""The thread waits at most this long for input before it checks whether to end [s]."""
+"""Interval at which the thread checks whether it must stop [s]."""
 _WRITE_TIMEOUT = 0.05
-"""Longest time that writing a command may take [s], half of the default hold time of the
-controller."""
+"""Longest transmission of a command [s], half of the default of the parameter `hold`."""
 _REOPEN_INTERVAL = 0.2
-"""Time between two attempts to open a lost port again [s]."""
+"""Time between two attempts to reopen a lost port [s]."""
 _READ_SIZE = 2**16
-"""Largest number of bytes that one call reads [1], more than the system buffers."""
+"""Largest number of bytes that one call reads [1]. The buffer of the system is smaller."""
 
 
 def pyserial() -> ModuleType:
-    """Return the module `serial` of pyserial; ValueError if it is not installed."""
+    """Return the module `serial` of pyserial. Raises ValueError if it is not installed."""
     try:
         return import_module('serial')
     except ImportError as error:
@@ -53,7 +52,7 @@ def describe_ports() -> str:
 
 
 class ReopenedPort:
-    """Serial port that a thread reads, and opens again if the connection is lost."""
+    """Serial port that is read by a thread and reopened after a loss of the connection."""
 
     def __init__(
         self,
@@ -65,12 +64,12 @@ class ReopenedPort:
         hang_up: bool = True,
         real_time: bool = False,
     ) -> None:
-        """Open the port and start the thread; ValueError if the port cannot be opened.
+        """Open the port and start the thread. Raises ValueError if the port cannot be opened.
 
-        The thread calls `take` with the bytes that have arrived, and their time of arrival on the
-        monotonic clock [ns]. If the connection is lost, it calls `changed` with the reason, and
-        with '' when the port is open again. With `hang_up`, the DTR line is released when the port
-        closes.
+        The thread calls `take` with the received bytes and their time of arrival on the monotonic
+        clock [ns]. If the connection is lost, the thread calls `changed` with the reason. When the
+        port is open again, it calls `changed` with ''. If `hang_up` is set, the DTR line is
+        released when the port closes.
         """
         self._serial = pyserial()
         self._path, self._baud_rate = path, baud_rate
@@ -93,7 +92,7 @@ class ReopenedPort:
         return self._port is not None
 
     def write(self, data: bytes) -> None:
-        """Send bytes if the port is open; OSError if this fails."""
+        """Send bytes if the port is open. Raises OSError if the transmission fails."""
         port = self._port
         if port is None:
             return
@@ -137,8 +136,7 @@ class ReopenedPort:
                         self._changed('')
 
     def _read(self) -> None:
-        # These lines make two system calls for each chunk. The method `read` of pyserial makes
-        # four.
+        # These lines make two system calls per chunk. The method `read` of pyserial makes four.
         file = self._port.fileno()
         ready, _, _ = select.select([file], [], [], _READ_TIMEOUT)
         if ready:
@@ -166,7 +164,7 @@ def _remedy(error: Exception, path: str) -> str:
 
 
 def _reason(error: Exception) -> str:
-    """Return the error of the operating system or, without one, of pyserial, in one line."""
+    """Return the error text of the operating system. Without one, return that of pyserial."""
     for each in (error.__context__, error):
         if isinstance(each, OSError) and each.strerror:
             return str(each.strerror)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Commands to the valves or motors of a microcontroller, and the impulses that result."""
+"""Commands to the valves or motors of a microcontroller, and the resulting impulses."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage.microcontroller.frames import SEQUENCES, FrameKind, SerialFrame
 
 _MOST_COMMANDS = 1000
-"""Largest number of commands whose impulses are not yet read [1], enough for 10 s at 100 Hz."""
+"""Largest number of stored commands whose impulses have not been read [1], 10 s at 100 Hz."""
 
 
 @dataclass(frozen=True)
 class ValveParameters:
-    """Parameters for the conversion of rotor_torques to commands for the valves."""
+    """Parameters of the conversion of rotor_torques to commands for the valves."""
 
     torque_per_pressure: tuple[float, ...] = quantity(
         (),
@@ -54,7 +54,7 @@ class ValveParameters:
     )
 
     def check_fit(self, rotors: int) -> None:
-        """Raise ValueError if the parameters do not fit the number of rotors or each other."""
+        """Raise ValueError if the parameters contradict each other or the number of rotors."""
         given = self.torque_per_pressure
         if len(given) not in (0, 1, rotors):
             raise ValueError(
@@ -74,9 +74,9 @@ class ValveParameters:
 
 
 class Valves:
-    """Torques that the valves shall apply.
+    """Torques that the valves must apply at present.
 
-    Commands to the controller must be repeated until these torques have ended.
+    The caller must repeat the commands to the controller until `closed` is true.
     """
 
     def __init__(self, parameters: ValveParameters, rotors: int) -> None:
@@ -88,20 +88,21 @@ class Valves:
         self._torques = self._feedback = self._sent = np.zeros(rotors)
         self._until = self._feedback_until = 0.0
         self._acting: deque[tuple[float, float, Array]] = deque(maxlen=_MOST_COMMANDS)
-        """For each sent command: the time of sending [s], the time at which the controller would
-        close the valves [s], and the torques of `hold` [N m]."""
+        """Sent commands: time of sending [s], time at which the controller closes the valves if no
+        other command follows [s], and torques without the feedback [N m]."""
 
     def hold(self, torques: Array, now: float) -> None:
-        """Set the torques [N m], shape (N,), from the time `now` [s] on.
+        """Set the torques from the time `now` [s] on [N m], shape (N,).
 
-        They end after `command_timeout`, unless they are set again.
+        They end after `command_timeout`, unless this method is called again.
         """
         self._torques, self._until = torques, now + self._parameters.command_timeout
 
     def feed_back(self, torques: Array, now: float) -> None:
-        """Set the torques of the feedback [N m], shape (N,), which are added to those of `hold`.
+        """Set the torques of the feedback from the time `now` [s] on [N m], shape (N,).
 
-        They end when the hold time of the controller has passed since the time `now` [s].
+        They are added to the torques of the method `hold`. They end after the time that the
+        parameter `hold` specifies.
         """
         self._feedback, self._feedback_until = torques, now + self._parameters.hold
 
@@ -110,7 +111,7 @@ class Valves:
         self._torques = self._feedback = np.zeros_like(self._torques)
 
     def command(self, now: float) -> SerialFrame:
-        """Return the command to the controller with the torques at the time `now` [s]."""
+        """Return the command with the torques at the time `now` [s]."""
         self._sent = self._torques if now < self._until else np.zeros_like(self._torques)
         values = self._sent + self._feedback * (now < self._feedback_until)
         self.closed = not values.any()
@@ -128,9 +129,9 @@ class Valves:
         self._acting.append((now, now + self._parameters.hold, self._sent))
 
     def delivered(self, until: float) -> Array:
-        """Return the impulses [N m s], shape (N,), from the last call to the time `until` [s].
+        """Return the impulses from the last call to the time `until` [s] [N m s], shape (N,).
 
-        They are caused by the torques of `hold`; the feedback is not included.
+        They do not include the impulses of the feedback.
         """
         impulses = np.zeros_like(self._torques)
         while self._acting and self._acting[0][0] < until:

@@ -15,28 +15,28 @@ from soliton_linkage.linkage.chain import Array, Chain, displacement
 Pixels = NDArray[np.uint8]
 
 _COLUMN_RATE = 30.0
-"""Pixel columns per second of the displayed time [Hz], equal to the refresh rate of viewers."""
+"""Number of pixel columns per second [Hz]. It equals the refresh rate of viewers."""
 _HEIGHT = 400
-"""Smallest height of a picture [pixel rows]. Viewers would enlarge and blur a lower picture."""
+"""Smallest height of a picture [pixel rows]. Viewers would enlarge and blur a smaller picture."""
 _MOST_ROWS = 1000
 """Largest number of rotors in a picture [1]. In a longer chain, every n-th rotor is shown."""
 _LEVELS = 2048
-"""Number of colours [1]. It is large because the colour varies strongly near the rest state."""
+"""Number of colours [1]. It is large, because the colour varies strongly near the rest state."""
 _BLANK, _TRACK, _BORDER = 217, 0, 255
-"""Grey levels for missing data, for the track of a wall, and for the border of the track [1]. The
-colours of displacements differ from these grey levels."""
+"""Grey levels of missing data, of the line that shows the position of a wall, and of the border of
+this line [1]. Displacements have other colours."""
 _HALF_BORDER, _HALF_TRACK = 2, 1
-"""Half widths of the border and of the track [pixel rows]."""
+"""Half widths of the border and of the line [pixel rows]."""
 _JUMP = 0.25
-"""No line connects two positions of a wall that differ by more than this [chain lengths], because
-the chain was probably reset."""
+"""Distance between successive positions of a wall above which no line connects them [chain
+lengths]. The chain was probably reset between them."""
 
 
 class Kymograph:
     """Displacements of the rotors in the last `length` [s], and a picture of them.
 
-    In the picture, time runs to the right, and rotor 0 is at the bottom. Rotors that lean to the
-    right are purple, and rotors that lean to the left are orange.
+    In the picture, time increases to the right, and rotor 0 is at the bottom. Rotors that lean to
+    the right are purple, and rotors that lean to the left are orange.
     """
 
     def __init__(self, chain: Chain, length: float) -> None:
@@ -49,9 +49,9 @@ class Kymograph:
         self._table: Pixels | None = None
 
     def add(self, stamp: float, angles: Array, walls: Sequence[float]) -> None:
-        """Add angles [rad], shape (N,), and wall positions [rotor spacings] at `stamp` [s].
+        """Add the angles [rad], shape (N,), and wall positions [rotor spacings] at `stamp` [s].
 
-        If `stamp` is earlier than the previous stamp, all earlier displacements are discarded.
+        If `stamp` is earlier than the previous stamp, all stored displacements are deleted.
         """
         if self._stamps and stamp < self._stamps[-1]:
             for kept in (self._stamps, self._leans, self._walls):
@@ -89,9 +89,10 @@ class Kymograph:
         return picture
 
     def _draw_track(self, picture: Pixels, shown: NDArray[np.intp], rows: float) -> None:
-        """Draw the positions of the walls, connected between columns with equal numbers of walls.
+        """Draw the positions of the walls.
 
-        For each pixel column, `shown` is the index of the stored wall positions, -1 for a column
+        Lines connect the positions in neighbouring columns that have equal numbers of walls.
+        `shown` contains the index of the stored positions for each pixel column. The index is -1
         before the first stored time. `rows` is the number of pixel rows per rotor.
         """
         xs, ys = [np.zeros(0, dtype=np.intp)], [np.zeros(0)]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Visualisation node, which draws the chain for RViz, Foxglove and other ROS viewers."""
+"""Node that draws the chain for RViz, Foxglove and other ROS viewers."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ from soliton_linkage_nodes.visualisation.observed_chain import ObservedChain
 from soliton_linkage_nodes.visualisation.scene import ChainScene
 
 _MOST_BUSY = 0.5
-"""Pauses limit the drawing to this fraction of the time [1]."""
+"""Largest fraction of the time that is spent on drawing [1]. After a drawing the node pauses."""
 _LONGEST_REST = 1.0
-"""Longest pause after a drawing [s]. The first drawing takes long, as it imports matplotlib."""
+"""Longest pause after a drawing [s]. The first one takes long because it imports matplotlib."""
 _SEARCH_PERIOD = 0.5
 """Time between two searches for new publishers [s]."""
 
 
 @dataclass(frozen=True)
 class VisualisationParameters:
-    """Parameters of the visualisation."""
+    """Parameters of the visualisation node."""
 
     marker_rate: float = quantity(30.0, 'highest rate of markers and poses', 'Hz', 0.1, 30.0)
     kymograph_rate: float = quantity(10.0, 'highest rate of pictures', 'Hz', 0.1, 30.0)
@@ -50,7 +50,7 @@ class VisualisationParameters:
 
 _WALLS = 'solitons'
 _OPACITY = 0.4
-"""Opacity of the box around a soliton [1], at which the rotors remain visible."""
+"""Opacity of the box around a soliton [1]. The rotors in the box remain visible."""
 
 
 class DrawingPublisher:
@@ -65,10 +65,10 @@ class DrawingPublisher:
         self._drawn = -1
 
     def set_chain(self, named: NamedChain) -> None:
-        """Set the chain that is drawn, and discard the drawing of the previous chain."""
+        """Set the chain to draw, and delete the drawing of the previous chain."""
 
     def _wanted(self, number: int) -> bool:
-        """Return whether there are subscribers that have not received drawing number `number`."""
+        """Return whether a subscriber has not received the drawing with this number yet."""
         subscribers = self.publisher.get_subscription_count()
         more, self._subscribers = subscribers > self._subscribers, subscribers
         if not subscribers or (number == self._drawn and not more):
@@ -87,7 +87,7 @@ class MarkerPublisher(DrawingPublisher):
     name = 'markers'
 
     def __init__(self, publisher: Publisher, kick_shown: float) -> None:
-        """Publish with `publisher`; a kick is shown for `kick_shown` [s] after its end."""
+        """Set the time after the end of a kick for which the kick is shown, `kick_shown` [s]."""
         super().__init__(publisher)
         self._kick_shown = kick_shown
         self._scene: ChainScene | None = None
@@ -95,13 +95,13 @@ class MarkerPublisher(DrawingPublisher):
         self._clear = False
 
     def set_chain(self, named: NamedChain) -> None:
-        """Set the chain that is drawn, and delete the markers of the previous chain."""
+        """Set the chain to draw, and delete the markers of the previous chain."""
         self._clear = self._scene is not None
         self._scene = ChainScene(named.chain)
         self._walls = 0
 
     def draw(self, chain: ObservedChain) -> None:
-        """Publish markers that show the newest messages, if a subscriber needs them."""
+        """Publish markers for the newest messages if a subscriber has not received them yet."""
         scene = self._scene
         if scene is None or not len(chain.angles) or not self._wanted(chain.frames):
             return
@@ -139,7 +139,7 @@ class PosePublisher(DrawingPublisher):
     name = 'soliton_pose'
 
     def draw(self, chain: ObservedChain) -> None:
-        """Publish the first soliton's pose if its position is known and a subscriber needs it."""
+        """Publish the pose of the first soliton if a subscriber has not received it yet."""
         if not chain.walls or not self._wanted(chain.states):
             return
         position, deviation, _ = chain.walls[0]
@@ -149,19 +149,19 @@ class PosePublisher(DrawingPublisher):
 
 
 class KymographPublisher(DrawingPublisher):
-    """Publisher of a picture that shows the displacements of the last seconds."""
+    """Publisher of a picture of the recent displacements over time."""
 
     name = 'kymograph'
 
     def __init__(self, publisher: Publisher, length: float, rate: float) -> None:
-        """Publish pictures of the last `length` [s], at most `rate` of them per second [Hz]."""
+        """Set the time span of a picture, `length` [s], and the highest rate of pictures [Hz]."""
         super().__init__(publisher)
         self._length, self._period = length, 1 / rate
         self._kymograph: Kymograph | None = None
         self._next = 0.0
 
     def set_chain(self, named: NamedChain) -> None:
-        """Set the chain that is drawn, and start with an empty picture."""
+        """Set the chain to draw, and start with an empty picture."""
         self._kymograph = Kymograph(named.chain, self._length)
 
     def draw(self, chain: ObservedChain) -> None:
@@ -180,8 +180,8 @@ class Visualisation(GuardedNode):
 
     The node subscribes to `joint_states`, `soliton_state`, `last_kick`, `/diagnostics` and, unless
     parameters specify the chain, to `chain`. It publishes `robot_description` (URDF, latched) and
-    `/diagnostics`. It also publishes `markers`, `soliton_pose` (the pose of the first soliton) and
-    `kymograph`. Each of them is drawn only while it has a subscriber.
+    `/diagnostics`. While they have a subscriber, it also publishes `markers`, `soliton_pose` (pose
+    of the first soliton) and `kymograph`.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {
@@ -221,7 +221,7 @@ class Visualisation(GuardedNode):
             drawing.set_chain(named)
 
     def _draw(self) -> None:
-        """Draw the newest messages, unless drawing pauses after a slow picture."""
+        """Draw the newest messages, except in the pause after a drawing."""
         begin = time.monotonic()
         if begin < self._rest_until:
             return
@@ -256,11 +256,11 @@ class Visualisation(GuardedNode):
         return Report('drawing', values)
 
     def destroy_node(self) -> None:
-        """Destroy this node, and the second node that has the subscriptions."""
+        """Destroy this node and the second node, which has the subscriptions."""
         self._inbox.destroy_node()
         super().destroy_node()
 
 
 def main() -> None:
-    """Run the visualisation."""
+    """Run the node until SIGINT or SIGTERM."""
     run(Visualisation)

@@ -21,9 +21,9 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg, time_to_
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription, subscribe_newest
 
 _FRESH = 1.0
-"""Solitons are drawn if their stamp and the stamp of the angles differ by less than this [s]."""
+"""Largest difference between the stamps of solitons and of angles that are drawn together [s]."""
 _SILENT = 3.0
-"""A report that is older than this is not shown [s]. Nodes report once per second."""
+"""Largest age of a report that is shown [s]. Nodes report once per second."""
 _LEVELS = ('OK', 'WARN', 'ERROR', 'STALE')
 
 
@@ -31,13 +31,13 @@ class ObservedChain:
     """Newest angles, solitons, last kick and node reports of a chain."""
 
     def __init__(self, inbox: Node, owner: Node) -> None:
-        """Subscribe to the topics of the node `owner`.
+        """Subscribe to the topics, whose names the node `owner` resolves.
 
-        `inbox` is the node with the subscriptions; it must not be added to an executor.
+        The node `inbox` has the subscriptions. It must not be added to an executor.
         """
         self.named: NamedChain | None = None
         self.angles: Array = np.zeros(0)
-        """Angles [rad], shape (N,), NaN for a missing joint; empty before the first frame."""
+        """Angles [rad], shape (N,). Missing angles are NaN. Before the first frame it is empty."""
         self.stamp = Time()
         """Stamp of the angles."""
         self.frame = FRAME
@@ -46,7 +46,7 @@ class ObservedChain:
         self.states = 0
         self.state_stamp = Time()
         self.numbers: views.Numbers = {}
-        """Named values of the latest soliton state."""
+        """Values of the latest soliton state by name."""
         joints = owner.resolve_topic_name(interfaces.JOINT_STATES.name)
         self._joints = NewestFrame(inbox, joints)
         self._states, self._kicks = (
@@ -62,17 +62,17 @@ class ObservedChain:
 
     @property
     def age(self) -> float:
-        """Time since the arrival of the angles [s]."""
+        """Time since the arrival of the latest angles [s]."""
         return time.monotonic() - self._taken_at
 
     @property
     def seconds(self) -> float:
-        """Stamp of the angles [s]."""
+        """Stamp of the latest angles [s]."""
         return time_from_msg(self.stamp) / SECOND
 
     @property
     def walls(self) -> list[Wall]:
-        """Solitons of the latest state, [] if its stamp differs from `stamp` by 1 s or more."""
+        """Solitons of the latest state; [] if stamps of state and angles differ by 1 s or more."""
         apart = self.seconds - time_from_msg(self.state_stamp) / SECOND
         return self._walls if abs(apart) < _FRESH else []
 
@@ -84,7 +84,7 @@ class ObservedChain:
         self.angles = np.zeros(0)
 
     def take(self) -> None:
-        """Read all new messages; ValueError if the joint states belong to another chain."""
+        """Read all new messages. Raises ValueError if the joint states are of another chain."""
         state = self._states.newest()
         if state is not None:
             self._walls, self.state_stamp = walls_from_msg(state), state.header.stamp
@@ -102,7 +102,7 @@ class ObservedChain:
             self.frames += 1
 
     def describe(self) -> str:
-        """Return a text with orbit phase, energies and reports of nodes, as far as known."""
+        """Return a text with the known values of orbit phase and energies, and node reports."""
         numbers, lines = self.numbers, []
         if math.isfinite(numbers.get('phase', math.nan)):
             lines.append(
@@ -125,9 +125,10 @@ class ObservedChain:
         return '\n'.join(lines)
 
     def kick(self, shown: float) -> Array | None:
-        """Return the impulses of the last kick [N m s], shape (N,); None if no kick is shown.
+        """Return the impulses of the last kick [N m s], shape (N,), or None if it is not shown.
 
-        A kick is shown until `shown` [s] after its end or, if `shown` is 0, until the next kick.
+        A kick is shown until `shown` [s] after its end. If `shown` is 0, it is shown until the
+        next kick.
         """
         if self._kick is None or self.named is None:
             return None

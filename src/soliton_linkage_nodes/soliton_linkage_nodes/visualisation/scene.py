@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Drawing of a chain in space: lines, spheres and boxes with their colours."""
+"""Drawing of a chain in space with coloured lines, spheres and boxes."""
 
 from __future__ import annotations
 
@@ -16,22 +16,24 @@ from soliton_linkage.linkage.chain import Array, Chain
 _LONGEST = 1.2
 """Length of the longest arrow, relative to the larger of rotor length and spacing [1]."""
 _SHORTEST_ARROW = 0.02
-"""Arrows shorter than this fraction of the longest arrow are not drawn [1]."""
+"""Length below which an arrow is not drawn, relative to the longest arrow [1]."""
 _HEAD = (0.3, 0.15)
 """Length and half width of the head of an arrow, relative to the length of the arrow [1]."""
 _WALL_HEIGHT = 2.5
 """Height of the box around a wall, relative to the length of the longest rotor [1]. Above 2, the
-box contains rotors that point up or down."""
+box encloses rotors that point up or down."""
 _LETTERS = 40
-"""Length of the chain, divided by the height of the letters [1]."""
+"""Ratio of the length of the chain to the height of the letters [1]."""
 _AT_REST = 1e-4
-"""Smallest relative extension drawn in the brightest colour [1]. A chain at rest looks grey."""
+"""Smallest extension that is drawn in the brightest colour, relative to the rest length [1]. A
+chain at rest is therefore grey."""
 _DECAY = 0.98
-"""The extension of the brightest colour falls at most by this factor per picture [1]."""
+"""Smallest ratio of the extensions with the brightest colour in successive drawings [1]. When the
+extensions decrease, the colours therefore change slowly."""
 
 
 class Shape(NamedTuple):
-    """Lines from point 0 to 1, from point 2 to 3 and so on, or spheres at all points."""
+    """Spheres at all points, or lines that connect points 0 and 1, points 2 and 3, and so on."""
 
     name: str
     points: Array
@@ -55,7 +57,7 @@ class WallBox(NamedTuple):
 
 
 class ChainScene:
-    """Drawing of a chain in any configuration."""
+    """Drawing of a chain. The angles may have any values."""
 
     def __init__(self, chain: Chain) -> None:
         self.chain = chain
@@ -71,14 +73,14 @@ class ChainScene:
         self._largest = 0.0
 
     def masses(self, angles: Array) -> Array:
-        """Return the positions of the masses [m], shape (N, 3), at `angles` [rad], shape (N,)."""
+        """Return the positions of the masses, shape (N, 3) [m], for `angles`, shape (N,) [rad]."""
         horizontal, vertical = self.chain.positions(angles)
         return np.array([self.chain.pivots + horizontal, np.zeros_like(vertical), vertical]).T
 
     def shapes(self, angles: Array) -> list[Shape]:
-        """Return the shapes that draw the chain.
+        """Return the shapes that show the chain.
 
-        `angles` [rad] has shape (N,); rotors with the angle NaN are omitted.
+        `angles` [rad] has shape (N,). Rotors with the angle NaN are omitted.
         """
         masses = self.masses(angles)
         known = np.isfinite(angles)
@@ -90,14 +92,14 @@ class ChainScene:
         ]
 
     def kick(self, angles: Array, impulses: Array) -> Shape:
-        """Return arrows at the masses for the impulses on the rotors [N m s], shape (N,)."""
+        """Return arrows at the masses that show the impulses on the rotors [N m s], shape (N,)."""
         return self._arrows('last_kick', self.masses(angles), angles, impulses, PURPLE)
 
     def boxes(self, walls: Sequence[tuple[float, float]]) -> list[WallBox]:
-        """Return the boxes of walls.
+        """Return the boxes that show the walls.
 
-        `walls` contains position [m] and standard deviation [m] of each wall; a wall with NaN is
-        omitted.
+        `walls` contains the position and the standard deviation of each wall [m]. A wall with a
+        NaN value is omitted.
         """
         return [
             WallBox(position, max(4 * deviation, self.width), self._wall_height)
@@ -114,7 +116,7 @@ class ChainScene:
         return Shape('rotors', ends, np.repeat(colours[known], 2, axis=0), self.width)
 
     def _springs(self, masses: Array, angles: Array) -> Shape:
-        """Return the springs as lines: extended ones red, compressed ones blue, others grey."""
+        """Return the springs as lines. Extended springs are red, compressed ones blue."""
         extensions = self.chain.spring_extensions(angles)
         known = np.isfinite(extensions)
         largest = float(np.abs(extensions[known]).max(initial=0.0))
@@ -135,10 +137,10 @@ class ChainScene:
         return self._arrows('zero_mode', masses, angles, mode, GREEN)
 
     def _arrows(self, name: str, masses: Array, angles: Array, sizes: Array, colour: str) -> Shape:
-        """Return arrows from the masses along their directions of motion.
+        """Return arrows from the masses in the directions in which the masses can move.
 
         The lengths are proportional to the absolute values of `sizes`, shape (N,). An arrow with a
-        negative size points to smaller angles.
+        negative size points in the direction of decreasing angle.
         """
         largest = float(np.abs(sizes).max(initial=0.0))
         shown = np.isfinite(angles) & (np.abs(sizes) > _SHORTEST_ARROW * largest)

@@ -29,7 +29,7 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.pacing import IdlePriority
 
 _LONGEST_TEXT = 1000
-"""Length of its text from which on a value of chain parameters is not stored [characters]."""
+"""Chain parameters with at least this many characters are not stored in the bag [characters]."""
 _CHAIN_TYPE = type_name(interfaces.CHAIN.type)
 
 
