@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Result of the analysis of a frame, interface of analysers, and an analyser of unknown chains."""
+"""Result of an analysis, interface of analysers, and analyser for chains of unknown parameters."""
 
 from __future__ import annotations
 
@@ -56,9 +56,9 @@ class Analysis(NamedTuple):
     cycle: phase of the chain in the cycle of its orbit.
     solitons: walls that are at least half a rotor spacing from the edges, sorted by their site.
     events: events that this frame has confirmed.
-    topology: topology of the configuration.
+    topology: polarisations, winding numbers, charge and zero mode; None for a ring.
     edge_rotors: states of the first and the last rotor.
-    energies: energies of the chain.
+    energies: kinetic and elastic energies of the chain.
     wobble: wobble of the rotors beside the wall; None unless the frame shows exactly one wall.
     unseen: number of rotors whose readings are missing or implausible.
     """
@@ -80,8 +80,8 @@ class Analysis(NamedTuple):
 def cycle_phase(estimate: OrbitEstimate, orbit: Orbit | None) -> CyclePhase:
     """Return the phase in the cycle of the orbit.
 
-    In an upside-down spinner, the phase increases while the arc length decreases. Therefore an
-    increasing phase means the same sense of rotation of the rotors in all spinners.
+    In an upside-down spinner, the phase increases while the arc length decreases. With this
+    convention, the rotors of all spinners turn in the same sense while the phase increases.
     """
     if orbit is None or not estimate.leg_known:
         return CyclePhase(math.nan, math.nan, math.nan, math.nan, 0, -1)

@@ -37,8 +37,8 @@ _LEAST_DISTANCE = 0.01
 residual of all rotors by more than this [rad]."""
 _CONTRADICTION = 0.3
 """The correction of a rotor near the wall counts as wrong if the corrected residual has the
-opposite sign of the correction and exceeds this fraction of it [1]. Margins for noise and for the
-speed of the wall are added to this limit."""
+opposite sign of the correction and exceeds this fraction of the correction [1]. Margins for noise
+and for the speed of the wall are added to this limit."""
 EDGE_ROTORS = 2.0
 """Springs may deform a wall whose distance from an edge is below this [rotor spacings]."""
 _STUCK, _MOST_STUCK = 1e-5, 0.2
@@ -133,14 +133,14 @@ class EncoderOffsets:
 
 
 class FarFieldResiduals:
-    """Mean residuals of rotors far from the wall, over blocks of frames."""
+    """Mean residuals, over blocks of frames, of the rotors far from the wall."""
 
     def __init__(self, offsets: EncoderOffsets, chain: Chain, strong: float) -> None:
         """Start without frames.
 
-        Waves change the residuals from block to block. Therefore a block is ignored if the mean
-        squares of two differences exceed `strong` [rad^2]: of its residuals from the predicted
-        ones, and of its residuals from those of the preceding block.
+        In waves, the residuals differ strongly from the predicted residuals, and also from those
+        of the preceding block. A block is ignored if both mean squared differences are above
+        `strong` [rad^2].
         """
         self._offsets, self._settings = offsets, offsets.settings
         self._margin = 1 + _DEPTHS_BESIDE * penetration_depth(chain) / chain.spacing

@@ -42,7 +42,7 @@ class OrbitEstimate(NamedTuple):
     noise: standard deviation of the noise of an angle [rad], either given or estimated.
     misfit: root mean square residual of the rotors near the wall in recent frames [rad].
     frame_misfit: root mean square residual in this frame [rad]; NaN if COASTING or LOST.
-    upside_down: whether pi - phi, instead of the angles phi, follow the orbit.
+    upside_down: whether the chain is upside down, so that the angles pi - phi follow the orbit.
     """
 
     time: float

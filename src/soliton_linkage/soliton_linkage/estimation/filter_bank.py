@@ -311,10 +311,10 @@ def assume_impulse(
 ) -> None:
     """Insert at index `base` a filter that assumes an impulse in the last time step.
 
-    Before that, each of the `older` filters from index `base` on is copied to the next index. The
-    new filter is a copy of one that assumes no impulse, the one with the largest weight, but with
-    larger variances of the arc length and of the rate. `elapsed` is the time step [s], and
-    `least_impulse` is as in `STATUS`.
+    Before that, each of the `older` filters from index `base` on is copied to the next index. Of
+    the filters that assume no impulse, the one with the largest weight is copied to the new
+    filter. The variances of the arc length and of the rate are then increased. `elapsed` is the
+    time step [s], and `least_impulse` is as in `STATUS`.
     """
     likeliest = 0
     for n in range(1, base):

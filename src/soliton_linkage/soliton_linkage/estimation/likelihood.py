@@ -155,11 +155,10 @@ def weigh_frame(
     weights. Row 1 becomes the residuals of inliers (weight of at least 0.5) near the wall, and 0
     for other rotors.
 
-    Returns three tuples. The first is the result of `_weigh`. The second has the numbers of
-    inliers near the wall, of known rotors, of gross errors, of gross errors in the longest run of
-    adjacent rotors, and of outliers. The third has the sum of the squares of row 1 [rad^2], the
-    log likelihood of the frame [1] and the largest absolute residual [rad], infinite if a rotor is
-    unknown.
+    Returns three tuples. The first is the result of `_weigh`. The second has five numbers: inliers
+    near the wall, known rotors, gross errors, gross errors in the longest run of adjacent rotors,
+    and outliers. The third has the sum of the squares of row 1 [rad^2], the log likelihood of the
+    frame [1] and the largest absolute residual [rad], infinite if a rotor is unknown.
     """
     weights, left = rows[0], rows[1]
     information, ahead, whole = _weigh(differences, first, tangent, density, doubtful, weights)
@@ -199,7 +198,7 @@ def weigh_frame(
 def sum_likelihoods(
     angles: Array, states: Array, variance: float, bound: float, floor: float, sums: Array
 ) -> None:
-    """Set `sums[s, n]` to the log likelihood of the first n angles in the uniform state s.
+    """Set `sums[s, n]` to the log likelihood that the first n rotors are in the uniform state s.
 
     `states`, the angles of S uniform states [rad], has shape (S, N), and `sums` shape (S, N + 1).
     """

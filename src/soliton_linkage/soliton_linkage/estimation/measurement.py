@@ -50,7 +50,7 @@ class LinearisedMeasurement(NamedTuple):
     weights: Array
     """Weight of each rotor, from 0 to 1, shape (N,)."""
     inlying: Array
-    """Residuals of inliers near the wall, divided by their scales [rad], (N,); else 0."""
+    """Residuals of inliers near the wall, divided by their scales [rad], (N,); 0 elsewhere."""
     information: float
     """Fisher information on the arc length if the noise were 1 rad [1]."""
     full_information: float

@@ -329,7 +329,7 @@ class MotionEvidence(NamedTuple):
     tail_ratio_deviation: float
 
     def verdict(self, settings: MotionSettings = DEFAULTS.motion) -> MotionClass:
-        """Return the class of motion if its probability is at least `least_probability`."""
+        """Return the class of motion; `motion` is None below the `least_probability`."""
         determined = math.isfinite(self.tail_ratio)
         scaled = self.tail_ratio / self.tail_ratio_deviation if determined else 0.0
         wobbling = math.erfc(scaled / math.sqrt(2)) / 2

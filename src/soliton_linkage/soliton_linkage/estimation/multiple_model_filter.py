@@ -21,10 +21,10 @@ filters. While the wall is at an edge, e is larger, because springs exchange ene
 The weight of the steady filter has an upper limit, which is lower in strong waves and at edges.
 
 Each of the remaining filters assumes one impulse, after which the rate is almost unknown. The
-first of these filters assumes it in the last time step, and the others about 1, 2, 4, ... frames
-earlier. The weight of such a filter is the prior probability of an impulse times the likelihood
-ratio of the measurements since the impulse. If this ratio exceeds a limit, all filters restart
-from the state of this filter.
+first of these filters assumes the impulse in the last time step, and the others assume it about 1,
+2, 4, ... frames earlier. The weight of such a filter is the prior probability of an impulse times
+the likelihood ratio of the measurements since the impulse. If this ratio exceeds a limit, all
+filters restart from the state of this filter.
 
 If the settings include a disturbance, and u is the modelled acceleration, the state changes by
 

@@ -22,8 +22,8 @@ is as accurate as a standard deviation from the mean square of this number times
 _LARGEST_CHANGE = 12.0
 """`StampJitter` limits a product of second differences to this multiple of its expectation [1]."""
 _EDGE_RATIO = 4.0
-"""Factor by which the variance of the residuals that the deformation of a wall causes is larger at
-an edge than inside the chain [1]."""
+"""Variance that the deformation of a wall adds to a residual: value at an edge, divided by the
+value inside the chain [1]."""
 LARGEST_EXCESS = 3.0
 """Upper limit of `FrameNoise.excess`, divided by the mean square of recent residuals [1]."""
 _FIELD_RATIO = 3.0
@@ -41,7 +41,7 @@ def median(values: Array) -> float:
 
 
 def robust_deviation(sizes: Array) -> float:
-    """Return the standard deviation of errors with the absolute values `sizes`; reorder these."""
+    """Return the standard deviation of errors, given their absolute values; reorder `sizes`."""
     return DEVIATION_PER_MEDIAN * median(sizes) if len(sizes) else 0.0
 
 
@@ -167,9 +167,10 @@ class FrameNoise:
 
 @compiled(const_f8_1d, const_f8_1d, const_f8_1d, f8)
 def median_change(first: Array, second: Array, third: Array, ratio: float) -> float:
-    """Return the median of |r_1 - (1 + q) r_2 + q r_3| over the rotors with known rates, else NaN.
+    """Return the median of |r_1 - (1 + q) r_2 + q r_3| over all rotors with known rates.
 
-    r_1, r_2 and r_3 are the rates of a rotor in three frames [rad/s], and q is `ratio`.
+    The result is NaN if there is no such rotor. r_1, r_2 and r_3 are the rates of a rotor in three
+    frames [rad/s], and q is `ratio`.
     """
     changes, known = np.empty(first.size), 0
     for n in range(first.size):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recursive estimator of the arc length of a chain along its orbit, and of its rate of change.
+"""Recursive estimator of the arc length s of a chain along its orbit, and of the rate ds/dt.
 
 The orbit Phi(s) gives the angles of all rotors at the arc length s. Let s_0 be the predicted arc
 length, and t = dPhi/ds the tangent at s_0. Angles phi, whose noise has the standard deviation
@@ -62,7 +62,7 @@ def largest_deformation(orbit: Orbit) -> float:
 
 
 class OrbitFilter:
-    """Recursive estimator of the arc length of a chain along its orbit and of its rate of change.
+    """Recursive estimator of the arc length s of a chain along its orbit, and of the rate ds/dt.
 
     Frames with repeated or late stamps are ignored. The filter restarts after a reset of the
     clock. It also restarts if several successive frames do not match its estimate, and the last of

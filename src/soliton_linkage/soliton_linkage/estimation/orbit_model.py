@@ -173,7 +173,7 @@ class UnseenRotorCorrection:
     def shift(
         self, arc: float, residuals: Array, field: float, noise: float
     ) -> tuple[float, float]:
-        """Return two corrections of the arc length; 0 if they would increase the variance.
+        """Return two corrections of the arc length; zeros if they would increase its variance.
 
         The first correction [rad] follows from the residuals of the seen rotors. The second one
         follows from the inertial forces of the unseen rotors, and is divided by the squared rate

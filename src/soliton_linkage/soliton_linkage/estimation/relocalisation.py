@@ -132,7 +132,7 @@ class Relocaliser:
     def find(
         self, angles: Array, noise: float, upside_down: tuple[bool, ...] = (False, True)
     ) -> CandidateSet:
-        """Return the candidates for the position in a frame.
+        """Return the candidates for the position of the chain in a frame.
 
         Angles [rad] have shape (N,); `noise` is their standard deviation [rad], 0 if unknown.
         `upside_down` lists the orientations of the chain that are searched.

@@ -59,7 +59,7 @@ class ShapeMeasurementModel:
         noise: float | None,
         settings: EstimationSettings,
     ) -> None:
-        """Start without frames; `noise` is the standard deviation of the angles [rad] or None."""
+        """Start without frames; `noise` is the standard deviation of the angles [rad], or None."""
         self._shapes, self._line, self._arc = shapes, line, site_arc
         self._of_charge = {1: shapes.kinks, -1: shapes.anti_kinks}
         self._pinning = {1: 0.0, -1: shapes.pinning_speed}
@@ -225,14 +225,16 @@ class ShapeMeasurementModel:
 
 
 _CLEAR = 9
-"""Number of bonds of the sections of a ring that are compared to cut it open far from walls [1].
-The ring is cut in the middle of the section whose least absolute polarisation is largest."""
+"""A ring is cut open far from all walls. To find the cut, sections of this number of bonds are
+compared [1]. The cut is in the middle of the section with the largest minimum of the absolute
+polarisation."""
 
 
 def domain_borders(polarised: Array, least: float) -> list[tuple[float, int]]:
     """Return sites [rotor spacings] and charges of the borders between domains.
 
-    `polarised` has one value per bond. A domain between two others has at least `least` bonds.
+    `polarised` contains the polarisation of each bond. A domain between two others has at least
+    `least` bonds.
     """
     scores = np.ascontiguousarray(polarised, dtype=np.float64)
     right = np.empty(len(scores), dtype=np.bool_)

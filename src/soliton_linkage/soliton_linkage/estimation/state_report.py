@@ -182,10 +182,13 @@ class StateReporter:
         `sites` are the sites of the walls [rotor spacings], empty or NaN without walls. `rates`
         are the rates of the rotors [rad/s], shape (N,), or an `ArcRate`. From an `ArcRate`, the
         kinetic energy is (I / 2) rate^2 plus an estimate for waves, and the kinetic energy of the
-        wake is NaN. Noise with the standard deviations sigma of the angles and sigma_rate of the
-        rates adds on average the energies (k_e / 2) (A_n^2 + B_n^2) sigma^2 per spring and (I / 2)
-        sigma_rate^2 per rotor. The reporter subtracts these mean energies, so that small energies
-        may be negative. Raises ValueError for another shape and for values that are not finite.
+        wake is NaN.
+
+        Let noise have the standard deviations sigma for angles and sigma_rate for rates. On
+        average, it adds (k_e / 2) (A_n^2 + B_n^2) sigma^2 to the energy of a spring and (I / 2)
+        sigma_rate^2 to the energy of a rotor. The reporter subtracts these mean values, so that
+        small energies may become negative. Raises ValueError for another shape and for values that
+        are not finite.
         """
         chain, walls = self.chain, _finite(sites)
         state = np.ascontiguousarray(angles, dtype=np.float64)

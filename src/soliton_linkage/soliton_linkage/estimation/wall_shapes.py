@@ -77,11 +77,12 @@ _TABLE = named_tuple(WallTable, f8_2d, f8, f8)
 
 @compiled(const_f8_1d, f8, b1_1d)
 def find_domains(polarised: Array, cost: float, right: Flags) -> None:
-    """Set `right`, shape (B,), to whether each of B bonds lies in a right-leaning domain.
+    """Set `right`, shape (B,), to True for bonds in right-leaning domains, and else to False.
 
     Dynamic programming finds the division into domains with the largest score. The polarisation of
-    each bond is limited to the range from -1 to 1 and multiplied by the sign of its domain, +1 if
-    right-leaning. The score is the sum of these products minus `cost` per border of two domains.
+    each bond is limited to the range from -1 to 1 and multiplied by the sign of its domain: +1 if
+    right-leaning, -1 if left-leaning. The score is the sum of these products minus `cost` per
+    border of two domains.
     """
     count = polarised.size
     # Highest scores up to the current bond: for a left-leaning bond, and for a right-leaning bond.
@@ -237,7 +238,7 @@ def fit_about(
 ) -> tuple[float, float, tuple[float, float, float, float, float]]:
     """Fit site and stretch to the rotors within `span` of `site`, and return also `sums_of_fit`.
 
-    The first rotor and rotor `last`, the last one, are not used.
+    Rotor 0 and the last rotor, with the number `last`, are not used.
     """
     first, end = max(math.ceil(site - span), 1), min(math.floor(site + span) + 1, last)
     theta = np.empty(max(end - first, 0))

@@ -147,7 +147,7 @@ class WallMeasurement(NamedTuple):
 
 
 class WallTrack:
-    """State of a wall from frame to frame, which contains a filter of the fitted sites."""
+    """State of a wall from frame to frame; for fitted walls, a filter estimates the motion."""
 
     def __init__(
         self,

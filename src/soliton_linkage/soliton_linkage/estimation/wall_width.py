@@ -30,7 +30,7 @@ standard deviation of ln(gamma), or smaller than `_CLOSEST` [1]."""
 _COARSEST = math.log(1.5)
 """The contraction is unknown if the standard deviation of ln(gamma) is at least this [1]."""
 _LEAST_DEVIATION = 3e-4
-"""Error of ln(gamma) because the profile of a moving wall is approximate [1]."""
+"""Assumed error of ln(gamma), because the profile of a moving wall is approximate [1]."""
 _PASSAGES, _FEWEST_PASSAGES = 30, 4
 """The variance of ln(gamma) between passages is estimated from the last `_PASSAGES` passages if
 there are at least `_FEWEST_PASSAGES` [1]. In a passage, the wall moves by one rotor spacing."""

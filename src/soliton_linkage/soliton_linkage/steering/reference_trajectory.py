@@ -129,8 +129,8 @@ def trajectory_to(
 ) -> ReferenceTrajectory:
     """Return a trajectory from a reference point at `start` [s] to rest at `goal` [rad].
 
-    The duration is at least `shortest` [s]. It is so long that the largest rate exceeds neither
-    `rate` [rad/s] nor, if that is larger, the initial rate of `point`.
+    The duration is at least `shortest` [s]. It is so long that the largest rate does not exceed
+    the larger one of `rate` [rad/s] and the initial rate of `point`.
     """
     duration = max(shortest, _PEAK * abs(goal - point.arc) / rate)
     limit = max(rate, abs(point.rate)) * (1 + 1e-9)

@@ -2,8 +2,8 @@
 """Tuned parameters of the steering, with the sensitivity of moves to each parameter.
 
 The sensitivities were measured with flippers, wobbling flippers and spinners of 12 rotors. These
-chains had friction, and deviations of 3 to 6 %. Frames had a period of 10 ms, and angles a noise
-of 0.01 to 0.02 rad. Each parameter was halved (0.5x) and doubled (2x) separately.
+chains had friction and a disorder of 3 to 6 %. Frames had a period of 10 ms, and angles had a
+noise of 0.01 to 0.02 rad. Each parameter was halved (0.5x) and doubled (2x) separately.
 """
 
 from __future__ import annotations
@@ -112,8 +112,8 @@ class SteeringSettings(CheckedQuantities):
         1e-3,
     )
     """Sensitivity: at 0.5x, the reference also restarts for a lag of 0.9 rotor spacings in a
-    disordered chain, or an impulse that displaces the soliton by 0.8 rotor spacings. At 2x, the
-    torques before a restart are larger."""
+    disordered chain, or for an impulse that displaces the soliton by 0.8 rotor spacings. At 2x,
+    the torques before a restart are larger."""
 
     max_restarts: int = quantity(
         20, 'number of restarts after which a soliton that does not settle is lost', '', 0

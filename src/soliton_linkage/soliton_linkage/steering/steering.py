@@ -87,10 +87,11 @@ class _Sent(NamedTuple):
 
 
 class Steering:
-    """Controller that estimates a wall in each frame and returns the torques that move it.
+    """Controller that estimates the motion of a wall and returns the torques that move the wall.
 
     Call `torques` once after each call of `observe`. The torques are 0 before the first `move`.
-    After a move the wall is held until the next move, `release`, or the loss of the wall.
+    After a move, the controller holds the wall until the next move, a `release`, or the loss of
+    the wall.
     """
 
     def __init__(
@@ -149,7 +150,8 @@ class Steering:
     def observe(self, time: float, angles: Array) -> MoveResult | None:
         """Process a frame with its time [s] and its angles [rad], shape (N,).
 
-        Return a result if the move ends in this frame, or if a held wall is lost, otherwise None.
+        Return a result if the move ends in this frame or a held wall is lost; otherwise return
+        None.
         """
         before = self._observer.estimate
         if before is not None and time > before.time:
@@ -183,7 +185,7 @@ class Steering:
         return self._check_arrival(self.trajectory, estimate)
 
     def move(self, site: float, speed: float = 0.0) -> MoveResult | None:
-        """Start to move the wall to a site [rotor spacings]; return a result only for a rejection.
+        """Start to move the wall to a site [rotor spacings]; return None, or the rejection.
 
         The speed is limited to `adiabatic_speed` and `speed` [rotor spacings / s]. If `speed` is
         0, only `adiabatic_speed` limits the speed.
@@ -296,7 +298,7 @@ class Steering:
         return trajectory
 
     def _reference(self, estimate: WallEstimate) -> ReferencePoint:
-        """Return the reference at the time of an estimate, or the estimate without trajectory."""
+        """Return the reference at the time of `estimate`; without one, return `estimate`."""
         if self.trajectory is None:
             return ReferencePoint(estimate.arc, estimate.rate, 0.0)
         return self.trajectory.at(estimate.time)

@@ -39,7 +39,7 @@ class WallEstimate:
     upside_down: bool
 
     def after(self, elapsed: float, acceleration: float) -> WallEstimate:
-        """Return the state after a time [s] with an acceleration by known torques [rad/s^2]."""
+        """Return the state `elapsed` [s] later, given the acceleration by torques [rad/s^2]."""
         gained = (acceleration + self.disturbance) * elapsed
         arc = self.arc + (self.rate + gained / 2) * elapsed
         return replace(self, time=self.time + elapsed, arc=arc, rate=self.rate + gained)
