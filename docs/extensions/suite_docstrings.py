@@ -32,7 +32,7 @@ def fields_listed(described: Any, lines: list[str]) -> list[str]:
 
 
 def bars_kept(lines: list[str]) -> list[str]:
-    """Return the lines with | escaped, because reStructuredText would replace `|x|`."""
+    """Return the lines with | escaped, because reStructuredText treats `|x|` as a substitution."""
     return [re.sub(r'(?<!\\)\|', r'\\|', line) for line in lines]
 
 

@@ -74,7 +74,7 @@ class CaptionedDirective(SphinxDirective):
 
 
 def beside(directive: SphinxDirective, path: str) -> Path:
-    """Return an absolute path; Sphinx then builds the page again if the file changes.
+    """Return an absolute path; if this file changes, Sphinx builds the page again.
 
     `path` is relative to the folder of the page.
     """
