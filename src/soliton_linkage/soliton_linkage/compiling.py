@@ -79,8 +79,8 @@ def compile_loop(
 ) -> Kernel:
     """Return a compiled function.
 
-    If the types `arguments` of the arguments are given, the function is compiled at once for these
-    types; otherwise, it is compiled at its first call.
+    If `arguments`, the types of the arguments, is given, the function is compiled at once for
+    these types. Otherwise, it is compiled at its first call.
     """
     options: dict[str, Any] = {
         'fastmath': set(fastmath),

@@ -27,11 +27,11 @@ class _PendingCommand(NamedTuple):
 class ChainDriver:
     """Driver of all actuators of a chain; a command starts at the next frame.
 
-    The reports name the `source` of a command, which is its topic. At each frame, the driver
-    returns the mean torques over the interval to the next frame. The driver assumes that this
-    interval is as long as the previous one. After the end of a joint command, its last torques are
-    held for `timeout` [s]. If the interval between two frames exceeds `longest_gap` [s], the
-    current torques are reported as cut short.
+    The reports name the `source` of a command, which is the topic of the command. At each frame,
+    the driver returns the mean torques over the interval to the next frame. The driver assumes
+    that this interval is as long as the previous one. After the end of a joint command, its last
+    torques are held for `timeout` [s]. If the interval between two frames exceeds `longest_gap`
+    [s], the current torques are reported as cut short.
     """
 
     def __init__(

@@ -176,7 +176,7 @@ class KickRecord:
             self._frame = None
 
     def deliver(self, delivered: DeliveryTotals) -> None:
-        """Process new totals from the simulator, and report the kicks that they complete."""
+        """Process new totals from the simulator, and report the kicks that the totals include."""
         before = self.delivered
         self.delivered = delivered
         count = delivered.impulses - (before.impulses if before else 0)

@@ -62,7 +62,7 @@ class Profile:
 
     @property
     def held(self) -> bool:
-        """Whether the value after the last point, which is constant, differs from 0."""
+        """Whether the constant value after the last point differs from 0."""
         return bool(np.any(self.values[-1]))
 
     def after(self, time: float) -> Array:

@@ -236,14 +236,14 @@ class TorqueDrive:
         return playing or self.edges.unfinished(time)
 
     def command(self, command: EdgeCommand, side: Edge, time: float) -> None:
-        """Start an edge command at `time` [s] in place of the last edge command or waveform."""
+        """Start an edge command at `time` [s], in place of the previous command or waveform."""
         self._rotor = None
         self.edges.command(command, side, time)
 
     def play(
         self, profile: Profile, quantity: DrivenQuantity, rotor: int, limit: float, time: float
     ) -> None:
-        """Start a `RotorDrive` at `time` [s] in place of the edge command or waveform."""
+        """Start a `RotorDrive` at `time` [s], in place of the previous command or waveform."""
         self.edges.drop(time)
         self._rotor = RotorDrive(self.chain, profile, quantity, rotor, limit, time)
 

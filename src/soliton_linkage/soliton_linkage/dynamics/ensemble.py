@@ -46,8 +46,8 @@ _SWITCHES = {
 the name of the `Chain` array that contains this parameter for all rotors or springs."""
 _OF_SPRINGS = {'spacings': [0.0], 'offsets': [0.0], 'rest_lengths': [1e9], 'stiffnesses': [0.0]}
 """`Chain` arrays with one value per spring. Each entry contains the value of the springs that
-connect two chains in `joined`. The rest length of these springs is so large that their length is
-never 0."""
+connect two chains in `joined`. With the large rest length of these springs, the kernel computes a
+length that is never 0."""
 
 
 def joined(chains: Sequence[Chain]) -> Chain:

@@ -20,8 +20,8 @@ from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
 from soliton_linkage.linkage.recording import Recording
 
 SMALLEST_RELATIVE_TOLERANCE = 100 * float(np.finfo(np.float64).eps)
-"""Smallest relative tolerance that scipy's solvers accept [1]. Because it is so small, the
-absolute tolerance limits the error even for large unwrapped angles."""
+"""Smallest relative tolerance that scipy's solvers accept [1]. Because this tolerance is so small,
+the absolute tolerance limits the error even for large unwrapped angles."""
 
 
 @dataclass(frozen=True)
@@ -29,12 +29,12 @@ class SimulationSettings:
     """Tuning of every simulation."""
 
     max_steps: int = 1000
-    """Largest number of solver steps per frame, divided by 1 + period / T [1]. T is the smaller of
-    `Chain.time_unit` and the longest solver step."""
+    """Factor in the largest number of solver steps per frame, which is `max_steps` (1 + `period` /
+    T) [1]. T is the smaller of `Chain.time_unit` and the longest solver step."""
 
 
 class Simulation(ABC):
-    """Simulation of a chain with gravity, applied torques, kicks and the chain's own force terms.
+    """Simulation of a chain with gravity, applied torques, kicks and the force terms of the chain.
 
     Frame k is the state at the time k * `period` [s] after the start. A kick, a new torque or a
     change of gravity takes effect at the current frame. The torques of `Chain.feedback` are
@@ -137,7 +137,10 @@ class Simulation(ABC):
         return (self.energy - expected) / self._largest_energy
 
     def kick(self, impulses: Array) -> None:
-        """Apply impulses [N m s], (N,), at the current frame; ValueError for infinite work."""
+        """Apply impulses [N m s], shape (N,), at the current frame.
+
+        Raises ValueError if the work of the impulses is not finite.
+        """
         checked = self.chain.check_angles(impulses, 'impulse')
         with np.errstate(over='ignore', invalid='ignore'):
             rates = self.rates + checked / self.chain.moments_of_inertia
@@ -309,7 +312,10 @@ class Simulation(ABC):
         )
 
     def _restart_with(self, before: float) -> None:
-        """Restart after a change of forces; the energy minus `before` [J] counts as work."""
+        """Restart after a change of forces. The energy change counts as work.
+
+        `before` is the energy before the change [J].
+        """
         self._restart()
         gained = self.energy - before
         self._work += gained

@@ -92,7 +92,7 @@ def gap(chain: Chain) -> float:
 def band_edges(chain: Chain) -> tuple[float, float]:
     """Return the lowest and the highest angular frequency of the phonons [rad/s].
 
-    They are sqrt(k_e / M) ||q+| -+ |q-|| / r.
+    The two frequencies are sqrt(k_e / M) ||q+| -+ |q-|| / r.
     """
     scale = 2 * math.cos(chain.rest_angle) / (chain.rest_length * chain.time_unit)
     lean_across = 2 * chain.rotor_length * math.sin(chain.rest_angle)
@@ -104,7 +104,7 @@ def speed_of_sound(chain: Chain) -> float:
     """Return the speed of sound c = a sqrt(|q+ q-|) sqrt(k_e / M) / r [m/s] (paper, section 1).
 
     Near the minimum of the band, which is at k_0 = 0 for d < 1 and at k_0 = pi / a for d > 1, the
-    frequency is omega^2 = gap^2 + c^2 (k - k_0)^2.
+    frequency omega satisfies omega^2 = gap^2 + c^2 (k - k_0)^2.
     """
     plus, minus = couplings(chain)
     return chain.spacing * math.sqrt(abs(plus * minus)) / (chain.rotor_length * chain.time_unit)
@@ -157,7 +157,7 @@ def exact_tail(chain: Chain) -> Tail:
     """Return the tail of a wall in the discrete chain.
 
     At the n-th rotor from the wall, the tail is proportional to (-(d - 1) / (d + 1))^n. For d > 1,
-    its sign alternates from rotor to rotor. This is the wobble of a wobbling flipper.
+    its sign alternates from rotor to rotor. This alternation is the wobble of a wobbling flipper.
     """
     wave_number = math.pi / chain.spacing if chain.lean_ratio > 1 else 0.0
     return Tail(penetration_depth(chain), wave_number)
@@ -182,7 +182,7 @@ def wobble_exponents(chain: Chain) -> tuple[complex, complex]:
 
 
 def continuum_tail(chain: Chain) -> Tail:
-    """Return the tail of the exponent in `wobble_exponents` that decays more slowly.
+    """Return the tail e^(lambda x) for the one of the `wobble_exponents` that decays more slowly.
 
     For d > 1 / sqrt(2), the tail oscillates, with the decay length ub = r sin(theta_bar). This
     oscillation is an artefact of the continuum approximation. The decay length agrees with

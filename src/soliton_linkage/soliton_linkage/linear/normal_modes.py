@@ -59,9 +59,9 @@ def normal_modes(chain: Chain, angles: ArrayLike) -> NormalModes:
 def mode_frequencies(chain: Chain, angles: ArrayLike) -> Array:
     """Return the angular frequencies of `normal_modes` in ascending order [rad/s], shape (N,).
 
-    With free ends, they are the eigenvalues >= 0 of [[0, B^T], [B, 0]]. In the order rotor 0,
-    spring 0, rotor 1 and so on, this matrix is tridiagonal, and the computing time is O(N^2).
-    Raises ValueError if a spring is stretched.
+    With free ends, the frequencies are the eigenvalues >= 0 of [[0, B^T], [B, 0]]. If the rows are
+    in the order rotor 0, spring 0, rotor 1 and so on, this matrix is tridiagonal. The computing
+    time is therefore O(N^2). Raises ValueError if a spring is stretched.
     """
     relaxed = _relaxed(chain, angles)
     if chain.periodic:
@@ -114,8 +114,8 @@ def phonon_energies(chain: Chain, angles: ArrayLike, rates: ArrayLike) -> tuple[
     The modes are vibrations about the relaxed configuration that `unstretched` finds near
     `angles`. The sum of the energies is the energy of the chain, up to terms of third order in the
     displacements from this configuration. With free ends, the first energy belongs to the zero
-    mode: the kinetic energy of a wall in a chain of rigid bars. Raises ValueError for invalid
-    angles [rad] or rates [rad/s], and if no relaxed configuration is near.
+    mode; it is the kinetic energy that the wall would have in a chain of rigid bars. Raises
+    ValueError for invalid angles [rad] or rates [rad/s], and if no relaxed configuration is near.
     """
     given = chain.check_angles(angles)
     relaxed = unstretched(chain, given)
@@ -125,14 +125,15 @@ def phonon_energies(chain: Chain, angles: ArrayLike, rates: ArrayLike) -> tuple[
 
 
 def phonon_energy(chain: Chain, angles: ArrayLike, rates: ArrayLike) -> float:
-    """Return the energy that is not in the zero mode [J], in a time O(N).
+    """Return the energy that is not in the zero mode [J]; the computing time is O(N).
 
     The energy is E = sum_n (k_e / 2) (R dphi)_n^2 + T(phi_dot - t (t^T I phi_dot) / (t^T I t)).
-    Here dphi is the displacement from the result of `unstretched`, R the rigidity matrix and t the
-    zero mode of that result, I the moments of inertia, and T the kinetic energy of given rates. E
-    is the sum of `phonon_energies` without the first energy. It includes the elastic energy of a
-    moving wall. If there are several walls, only their common motion along t is excluded. With
-    periodic ends, E is the total energy. Raises the same errors as `phonon_energies`.
+    Here dphi is the displacement from the relaxed configuration that `unstretched` finds, R is the
+    rigidity matrix and t the zero mode of this configuration, I are the moments of inertia, and
+    T(...) is the kinetic energy of rates. E is the sum of `phonon_energies` without the first
+    energy. E includes the elastic energy of a moving wall. If there are several walls, only their
+    common motion along t is excluded. With periodic ends, E is the total energy. Raises the same
+    errors as `phonon_energies`.
     """
     given = chain.check_angles(angles)
     relaxed = unstretched(chain, given)

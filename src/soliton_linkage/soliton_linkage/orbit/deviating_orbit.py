@@ -26,8 +26,8 @@ from soliton_linkage.orbit.seed_path import blocked_wall_error
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 
 _SAMPLES_A_SITE = 4
-"""Number of samples per rotor in the search for the walls with half of |t|^2 to the left of a bond
-[1]."""
+"""Number of samples per rotor in the search for the walls at which a bond divides the sum of t_n^2
+into equal halves [1]."""
 _SAME_MODE = 1 - 1e-6
 """The scalar product of the tangent of a piece and the zero mode of the whole chain must exceed
 this [1]. The tangent contains only rotors near the wall. If the product is smaller, a rotor far
@@ -74,15 +74,15 @@ class DeviatingOrbit(Orbit):
 
     @property
     def wall_extent(self) -> float:
-        """Longest stretch of the orbit along which one rotor moves [rad]; see `Orbit`."""
+        """Largest change of the arc length during which one rotor moves [rad]."""
         return self._uniform.wall_extent * self.site_arc / self._uniform.site_arc
 
     def site(self, arc: float) -> float:
-        """Return the site of the wall, 0 to N - 1 [rotor spacings], at an arc length [rad]."""
+        """Return the site of the wall at an arc length, from 0 to N - 1 [rotor spacings]."""
         return self._uniform.site(self._uniform_arc.at(arc % self.length)[0])
 
     def arc_at(self, site: float, leg: int) -> float:
-        """Return the arc length in a leg at which the wall is at a site [rad]; see `Orbit`."""
+        """Return the arc length [rad] in a leg at which the wall is at a site; see `Orbit`."""
         uniform_arc = self._uniform.arc_at(site, leg)
         begin, end = self._uniform.leg_arcs(leg)
         within = min(max(uniform_arc, begin), end)
@@ -107,7 +107,7 @@ class DeviatingOrbit(Orbit):
         return left.copy(), right.copy()
 
     def _reflections(self) -> list[float]:
-        """Return the arc lengths at which legs end [rad], from the start of the first piece.
+        """Return the arc lengths at which legs end [rad]; the first piece begins at 0.
 
         In a flipper, a leg ends where the edge rotor and its bar are collinear, because the rotor
         next to the edge then reverses its rotation. In a spinner, a leg ends at an extremum of
@@ -232,7 +232,7 @@ class _ArcMap(PiecewiseCubic):
 
 
 def _arcs_at_bonds(orbit: Orbit, leg: int) -> Array:
-    """Return the arc lengths in a leg at which half of |t|^2 is left of each bond [rad], (N - 1,).
+    """Return the arc length in a leg at which each bond halves the sum of t_n^2 [rad], (N - 1,).
 
     Here t is the tangent. The element of a bond is NaN if the leg contains no such arc length, or
     more than one.
@@ -259,7 +259,7 @@ def _arcs_at_bonds(orbit: Orbit, leg: int) -> Array:
 
 
 def _median(segment: OrbitSegment) -> float:
-    """Return the position [rotor spacings] to the left of which half of the sum of t_n^2 is."""
+    """Return the position [rotor spacings] that divides the sum of t_n^2 into equal halves."""
     sums = np.cumsum(segment.tangent**2)
     half = sums[-1] / 2
     n = int(np.searchsorted(sums, half))

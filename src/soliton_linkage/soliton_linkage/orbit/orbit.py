@@ -60,9 +60,9 @@ class Orbit(ABC):
 
     The arc length `arc` [rad] is the integral of ds = sqrt(sum_n dphi_n^2). Because the orbit is
     closed, the methods accept any real number as arc length. A leg is the part of the orbit
-    between two reflections of the wall. In even legs the wall moves towards the last rotor, in odd
-    legs towards the first. Leg 0 begins at arc length 0, where the wall is reflected at the first
-    rotor.
+    between two reflections of the wall. In even legs, the wall moves towards the last rotor, and
+    in odd legs towards the first rotor. Leg 0 begins at arc length 0, where the wall is reflected
+    at the first rotor.
 
     An edge rotor of a flipper is called toggled if the sign of its lever differs from the sign in
     the left-leaning state (staggered angles theta = -theta_bar). In leg 0, no edge rotor is

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Orbit of a chain with deviations, divided into pieces that are stored as Chebyshev series.
 
-In each piece, one rotor in the wall is the seed. The angle of the seed determines the angles of
-its neighbours, these determine the angles of the next rotors, and so on outwards. Errors decay
-outwards as fast as the zero mode. With the levers A_n and B_n of bar n, the tangent t satisfies
-t_{n+1} = -(A_n / B_n) t_n and |t| = 1. The arc length follows from ds = dphi_seed / t_seed.
+In each piece, one rotor in the wall is called the seed. The angle of the seed determines the
+angles of its neighbours, these determine the angles of the next rotors, and so on outwards. Errors
+of the angles decay outwards as fast as the zero mode. With the levers A_n and B_n of bar n, the
+tangent t satisfies t_{n+1} = -(A_n / B_n) t_n and |t| = 1. The arc length follows from ds =
+dphi_seed / t_seed.
 """
 
 from __future__ import annotations
@@ -132,7 +133,7 @@ class _Window:
         self.exists = ((columns >= 0) & (columns < rotors))[:, None]
 
     def angles(self, seeds: Array) -> Array:
-        """Return all angles in the windows [rad], (P, K, W), for K angles of each seed, (P, K)."""
+        """Return all angles in the windows [rad], (P, K, W), for K given angles of each seed."""
         found = np.empty((*seeds.shape, self.rotor_lengths.shape[1]))
         beside = self.beside
         found[..., beside] = seeds

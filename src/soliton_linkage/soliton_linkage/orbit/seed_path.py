@@ -154,9 +154,9 @@ class _Seed:
     def turn(self, most: float) -> int:
         """Rotate the seed by a step of at most `most` [rad]; return the number of the next seed.
 
-        If another rotor begins to move faster than the seed, the step ends at this angle, and the
-        other rotor is the next seed. Raises ArithmeticError if the lengths of the bars do not
-        allow a step.
+        If another rotor would move faster than the seed before the end of the step, the step ends
+        where both rotors move equally fast, and the other rotor is the next seed. Raises
+        ArithmeticError if the lengths of the bars do not allow a step.
         """
         step = min(self._step, most)
         while step > _SHORTEST_STEP:

@@ -2,9 +2,9 @@
 """Orbit of a chain of any length without deviations, composed from the orbit of a short chain.
 
 The passage of the wall over two rotors in the middle of the short chain repeats in a longer chain,
-each time shifted by two rotors. The orbit of the short chain is integrated from the middle of one
-leg, through the reflection at the last rotor, to the middle of the next leg. The rest of the orbit
-is the mirror image of this part. `static_wall` defines the site coordinate.
+each time shifted by two rotors. The orbit of the short chain is integrated from the middle of each
+even leg, through the reflection at the last rotor, to the middle of the next leg. The other parts
+of the orbit are mirror images of these parts. `static_wall` defines the site coordinate.
 """
 
 from __future__ import annotations
@@ -101,17 +101,17 @@ class UniformOrbit(Orbit):
 
     @property
     def wall_extent(self) -> float:
-        """Longest stretch of the orbit along which one rotor moves [rad]; see `Orbit`."""
+        """Largest change of the arc length during which one rotor moves [rad]."""
         swing = self._starts[1] - (self.chain.number_of_rotors - 1) * self.site_arc
         return self._short.number_of_rotors * self.site_arc + swing
 
     def site(self, arc: float) -> float:
-        """Return the site of the wall, 0 to N - 1 [rotor spacings], at an arc length [rad]."""
+        """Return the site of the wall at an arc length, from 0 to N - 1 [rotor spacings]."""
         site = self._site(arc % self._starts[-1], self.leg(arc))[0]
         return 0.0 if site < 0 else min(site, self._last)
 
     def arc_at(self, site: float, leg: int) -> float:
-        """Return the arc length in a leg at which the wall is at a site [rad]; see `Orbit`."""
+        """Return the arc length [rad] in a leg at which the wall is at a site; see `Orbit`."""
         way = 1 if leg % 2 == 0 else -1
         arc = self._halfway[leg] + way * (site - self.middle) * self.site_arc
         for _ in range(_STEPS):
@@ -165,7 +165,7 @@ class _HalfLegs(NamedTuple):
     """Derivative of the angles with respect to the arc length [1], shape (K, N)."""
 
     def mirrored(self, chain: Chain) -> _HalfLegs:
-        """Return the mirror image, n -> N - 1 - n and phi -> -phi, in the order along the orbit.
+        """Return the mirror image, n -> N - 1 - n and phi -> -phi, sorted along the orbit.
 
         The mirror images of spinners with odd N and of flippers with even N would be upside down.
         Therefore, they are also turned over, phi -> pi - phi.
@@ -215,8 +215,8 @@ class _ShortOrbit:
         ]
         """Two functions for each leg: the first one belongs to the last rotor, and the second one
         to the first rotor. Each function returns the distance of the wall from its rotor [rotor
-        spacings]. Its argument is the distance that would result if site and arc length were
-        proportional."""
+        spacings]. The argument of each function is the distance that would result if site and arc
+        length were proportional."""
 
     def _mirrored(self, leg: int) -> int:
         """Return the leg to which the mirror image of a wall in `leg` belongs."""
@@ -276,8 +276,8 @@ class _ShortOrbit:
     def _pieces(self) -> list[_HalfLegs]:
         """Return the pieces of the orbit in order; each ends in the middle of the next leg.
 
-        Mirroring exchanges the two results of `toggled_edges`. It therefore exchanges legs 0 and 2
-        for a lean ratio d > 1, and legs 1 and 3 for d <= 1.
+        Mirroring exchanges the two results of `toggled_edges`, and therefore the legs 0 and 2 for
+        a lean ratio d > 1, or the legs 1 and 3 for d <= 1.
         """
         legs = len(self.walls)
         last = [self._followed(leg) for leg in range(0, legs, 2)]

@@ -225,7 +225,8 @@ class FlipperTheory(WallTheory):
     ) -> tuple[Array, Array]:
         """Return angles [rad] and rates [rad/s] of a chain with a wall at a position [m].
 
-        The angles satisfy sin(theta) = u / r, the even rotors point up, and u_t = -v u'.
+        The angles satisfy sin(theta) = u / r, and the even rotors point up. The rates follow from
+        u_t = -v u'.
         """
         chain, pivots = self.chain, self._pivots()
         displacements = self.displacements(pivots, position, velocity, charge)
@@ -313,7 +314,7 @@ class SpinnerTheory(WallTheory):
         `position` X [m], cos(theta - theta_bar) = -Q tanh((x - X) / w). At rest, theta' = Q
         sin(theta - theta_bar) / (r sin(theta_bar)), as in equation `sgd` of the paper; equation
         `sg` has the opposite sign. For the family -1, replace theta_bar by -theta_bar, and reverse
-        the signs of the right-hand sides.
+        the signs of the right-hand sides of these two equations.
         """
         if sublattice not in (0, 1):
             raise ValueError(f'sublattice = {sublattice!r} must be 0 (even rotors) or 1 (odd)')

@@ -46,8 +46,8 @@ def blocked_bonds(chain: Chain) -> NDArray[np.bool_]:
     conditions hold: lbar_n > a_n + |r_n - r_{n+1}| on all bonds, and r_n + r_{n+1} - a_n - lbar_n
     has the same sign on all bonds. A bond that violates the first condition, or that has the rarer
     sign, may stop the wall. By Grashof's criterion, a bond is a triple rocker if the sign is
-    negative, as in flippers, and a double crank if it is positive, as in spinners. The conditions
-    are sufficient but not necessary.
+    negative, as in flippers, and a double crank if it is positive, as in spinners. The two
+    conditions are sufficient for a passage, but not necessary.
     """
     excess = length_excesses(chain) - chain.spacings
     other_class = ~(excess > 0) if _spinning(chain) else ~(excess < 0)

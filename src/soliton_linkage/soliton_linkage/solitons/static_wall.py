@@ -3,8 +3,8 @@
 
 For a given angle of one rotor, the bar to its neighbour allows two angles of the neighbour (two
 branches). The sign of a lever selects the branch: the sign of B_n on the right of the wall, and
-the sign of A_n on the left of the wall. Errors decay outwards from the wall as fast as the zero
-mode.
+the sign of A_n on the left of the wall. Errors of the angles decay outwards from the wall as fast
+as the zero mode.
 """
 
 from __future__ import annotations
@@ -248,7 +248,8 @@ def _symmetric_wall(chain: Chain, rotor: int, leg: int) -> Array:
 
     The reflection n -> 2 rotor + 1 - n changes phi to phi + pi in flippers and to -phi in
     spinners. Therefore r sin(phi) of `rotor` is r^2 sin(theta_bar)^2 / a in flippers. In spinners,
-    it is (a - lbar) / 2 for even `leg` + `rotor`, and (a + lbar) / 2 for odd.
+    r sin(phi) is (a - lbar) / 2 for even `leg` + `rotor`, and (a + lbar) / 2 for odd `leg` +
+    `rotor`.
     """
     spinner, crossed = chain.motion is Motion.SPINNER, False
     if spinner:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Solitons in one frame of angles: their positions, velocities, widths and charges.
 
-The polarisation of a bond has the sign of the direction in which the zero mode grows. A wall is
+The sign of the polarisation of a bond states in which direction the zero mode grows. A wall is
 detected where the polarisation changes its sign. The order field m_n of rotor n is +1 where the
 chain leans right and -1 where it leans left. The position X of a wall of charge Q follows from a
 fit of the function m_n = -Q tanh((n - X) / w) to the order field, where w is the width of a slow
@@ -261,7 +261,8 @@ def _sech_squared(argument: ArrayLike) -> Array:
 def _deviation(residual: Array, parameters: int, information: float) -> float:
     """Return the standard deviation of a fitted parameter, or NaN if it is undetermined.
 
-    With the Jacobian J, 1 / `information` is the diagonal element of (J^T J)^-1 of the parameter.
+    With the Jacobian J of the fit, `information` is the inverse of the diagonal element of (J^T
+    J)^-1 that belongs to the parameter.
     """
     freedom = len(residual) - parameters
     if freedom < 1 or information <= 0:

@@ -72,7 +72,10 @@ class MeasuredWall(Protocol):
 
 
 def measured_track(chain: Chain, times: Array, walls: Sequence[Sequence[MeasuredWall]]) -> Track:
-    """Return the trajectories of walls; `walls` contains the walls in the frame at each time."""
+    """Return the trajectories of walls.
+
+    `walls` contains the walls in the frame at each of the `times` [s], shape (T,).
+    """
     rows = np.full((len(walls), 4), np.nan)
     others = np.full((max([1, *map(len, walls)]) - 1, len(walls)), np.nan)
     for frame, (row, found) in enumerate(zip(rows, walls, strict=True)):

@@ -111,7 +111,7 @@ def turned(c: float, s: float, x: float) -> tuple[float, float]:
 
 @inlined
 def turn(work: Array, rates: int, time: float) -> None:
-    """Rotate each rotor by `time` times the element of this rotor in the row `rates` of `work`."""
+    """Rotate each rotor n by the angle `time` * work[rates, n]."""
     prefer_wide_vectors()
     for n in range(work.shape[1] - VECTOR):
         x = time * work[rates, n]
@@ -121,7 +121,7 @@ def turn(work: Array, rates: int, time: float) -> None:
 
 @inlined
 def kick(work: Array, forces: Forces, time: float) -> None:
-    """Change the rates by the torques in `work`, which act for a time [s]."""
+    """Change the rates by the impulses of the torques in `work` during `time` [s]."""
     for n in range(forces.inverse_inertias.size):
         torque = work[TORQUES, n] + work[TORQUES_ON_RIGHT, n]
         work[RATES, n] += time * forces.inverse_inertias[n] * torque
@@ -230,7 +230,7 @@ def scaled_difference(before: Array, whole: Array, halves: Array, checks: Checks
 
 @inlined
 def store(states: Array, row: int, work: Array, rotors: int, dissipated: float) -> None:
-    """Store a state in a row of `states`; the step has dissipated the energy `dissipated` [J]."""
+    """Store a state in a row of `states`; the last step has dissipated `dissipated` [J]."""
     for n in range(rotors):
         states[row, n] = work[ANGLES, n]
         states[row, rotors + n] = work[RATES, n]

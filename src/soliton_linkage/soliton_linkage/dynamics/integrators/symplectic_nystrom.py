@@ -102,9 +102,9 @@ class SolverSettings:
     LARGEST_TURN [1]. Sensitivity: at 0.5x, the solver needs 60 % more force evaluations if a rotor
     spins fast; at 1, a rotor that accelerates within the step stops the integration."""
     aim: float = 0.3
-    """Expected error with a new step length, divided by the tolerance [1]. Sensitivity: at 0.5x,
-    the solver needs 10 % more force evaluations and has half the error; at 2x, it needs 10 % fewer
-    and has twice the error."""
+    """A new step length is chosen so that the expected error is this fraction of the tolerance
+    [1]. Sensitivity: at 0.5x, the solver needs 10 % more force evaluations and has half the error;
+    at 2x, it needs 10 % fewer and has twice the error."""
     min_growth: float = 1.25
     """The step length increases only if the measured error allows a length that is larger by this
     factor [1]. Sensitivity: with 1.13 or 1.5, the number of force evaluations changes by 6 %."""
@@ -411,7 +411,7 @@ class SymplecticNystrom(OdeSolver):
 
 
 class NystromOutput(DenseOutput):
-    """Interpolation between the states of consecutive method steps of equal length."""
+    """Interpolation between the states of consecutive steps of equal length."""
 
     def __init__(self, t_old: float, t: float, states: Array, steps: NystromSteps) -> None:
         super().__init__(t_old, t)
