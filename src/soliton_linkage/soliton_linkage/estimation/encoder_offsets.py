@@ -309,7 +309,7 @@ class FarFieldResiduals:
 
 
 def _trimmed_mean(squares: Array) -> float:
-    """Return the mean of `squares` without the two largest, because two encoders may be wrong."""
+    """Return the mean of `squares` without the two largest; two encoders may have offsets."""
     count = len(squares) - 2
     if count <= 0:
         return 0.0

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 
 class TrackingStatus(enum.Enum):
-    """Frames on which an estimate is based: the current frame, earlier frames or both."""
+    """Tracking status: the frames on which an estimate is based."""
 
     LOST = 'lost'
     """No estimate: no frame has matched the orbit since the start, or since the wall was lost."""
@@ -26,7 +26,7 @@ class OrbitEstimate(NamedTuple):
     """Estimated state of a chain on its orbit; unknown quantities are NaN.
 
     time: time of the estimate, counted from the first frame [s].
-    status: frames on which the estimate is based.
+    status: tracking status.
     arc: arc length along the orbit [rad]; it increases by the length of the orbit in each cycle.
     rate: rate of change of the arc length [rad/s].
     arc_deviation: standard deviation of the arc length [rad].

@@ -23,7 +23,7 @@ from soliton_linkage.linkage.chain import Array
 Records = NDArray[np.void]
 
 LEAST_ODDS, _LEAST_ODDS_AT_EDGES = -9.0, -2.0
-"""Lower limits of the log odds against the steady filter [1]. The first limit applies while the
+"""Lower limits of `log_odds`, defined in `STATUS` [1]. The first limit applies while the
 wall is inside the chain. The second one applies at an edge, where springs exchange energy with the
 wall, so that its rate changes."""
 _LEAST_EVIDENCE = 0.5
@@ -80,7 +80,8 @@ variance: variance of the last measurement [rad^2].
 elapsed: time step of the last prediction [s].
 at_edge: 1 if the wall is at an edge, else 0.
 rate: mean rate of the arc length in the mixture of all filters [rad/s].
-log_odds: log odds against the steady filter [1].
+log_odds: log odds against the steady filter: logarithm of the total weight of the other filters
+    that assume no impulse, divided by the weight of the steady filter [1].
 frames: number of frames since the last restart from an impulse [1].
 impulses: number of restarts from an impulse [1].
 wave_noise: spectral density of the random acceleration by waves, divided by the `rate_noise` of

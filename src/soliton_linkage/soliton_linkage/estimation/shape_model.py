@@ -59,7 +59,10 @@ class ShapeMeasurementModel:
         noise: float | None,
         settings: EstimationSettings,
     ) -> None:
-        """Start without frames; `noise` is the standard deviation of the angles [rad], or None."""
+        """Start without frames.
+
+        `noise` is the standard deviation of the noise of an angle [rad]; None if it is unknown.
+        """
         self._shapes, self._line, self._arc = shapes, line, site_arc
         self._of_charge = {1: shapes.kinks, -1: shapes.anti_kinks}
         self._pinning = {1: 0.0, -1: shapes.pinning_speed}

@@ -168,7 +168,7 @@ def half_wavelength(
 def _overshoot(
     expected: Array, measured: Array, rest_angle: float, length: float, calm: float, error: float
 ) -> tuple[float, float, float]:
-    """Return the overshoot, its standard deviation, and the overshoot of a wall at rest [m]."""
+    """Return `amplitude`, `amplitude_deviation` and `rest_amplitude` of `Wobble` [m]."""
     if not expected.size:
         return _NO_OVERSHOOT
     at = overshooting(expected, rest_angle, calm)

@@ -43,9 +43,9 @@ class SteeringSettings(CheckedQuantities):
         1e-3,
         1.0,
     )
-    """Sensitivity: at 0.5x, moves take up to twice as long; at 2x, down to half as long. At 2x,
-    the ratio of the phonon energy to the energy of the wall rises from 3e-11 to 5e-8 for a flipper
-    and from 3e-10 to 2e-4 for a wobbling flipper."""
+    """Sensitivity: at 0.5x, the duration of moves increases by up to a factor 2; at 2x, it
+    decreases by up to a factor 2. At 2x, the ratio of the phonon energy to the energy of the wall
+    rises from 3e-11 to 5e-8 for a flipper and from 3e-10 to 2e-4 for a wobbling flipper."""
 
     bandwidth_share: float = quantity(
         0.125, 'ratio of the bandwidth of the feedback to the phonon gap', '', 1e-3, 1.0
