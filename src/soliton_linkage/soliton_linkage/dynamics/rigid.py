@@ -143,8 +143,8 @@ class RigidSimulation(Simulation):
     def _corrected(self, state: Array) -> tuple[Array, float, float]:
         """Return angles, speed and dissipated energy of a state; correct bar lengths and energy.
 
-        To correct the energy, angles and speed are changed along the gradient of the energy, (-t^T
-        torques, s). This also works at turning points, where the speed s is 0.
+        To correct the energy, angles and speed are changed along the gradient of the energy,
+        (-t^T torques, s). This also works at turning points, where the speed s is 0.
         """
         chain = self.chain
         angles, speed, dissipated = state[:-2].copy(), float(state[-2]), float(state[-1])

@@ -29,8 +29,8 @@ class SimulationSettings:
     """Tuning of every simulation."""
 
     max_steps: int = 1000
-    """Factor in the largest number of solver steps per frame, which is `max_steps` (1 + `period` /
-    T) [1]. T is the smaller of `Chain.time_unit` and the longest solver step."""
+    """Factor in the largest number of solver steps per frame, `max_steps` (1 + `period` / T) [1].
+    T is the smaller of `Chain.time_unit` and the longest solver step."""
 
 
 class Simulation(ABC):

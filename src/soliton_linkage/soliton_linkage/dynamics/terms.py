@@ -258,7 +258,7 @@ def term_table(terms: Sequence[CompiledTerm], rotors: int) -> TermTable:
             parameters[first, rotors:] = 1.0  # the length of padding springs must not be 0
         first = end
     for table in kinds, parameters:
-        table.flags.writeable = False  # numba compiles loops for each kind of array
+        table.flags.writeable = False  # numba compiles again for writable arrays
     return TermTable(kinds, parameters)
 
 

@@ -196,8 +196,8 @@ def zero_mode_wave_number(chain: Chain, lean: int = 1) -> complex:
     """Return the complex wave number k of the zero mode [rad/m], with e^(i k a) = -q+ / q-.
 
     The imaginary part is -1 / ell in the right-leaning and 1 / ell in the left-leaning state, with
-    the penetration depth ell. The real part is 0 for d < 1 and pi / a for d > 1. For small d, 1 /
-    ell tends to omega_0 / c; the paper (section 1) has k = sqrt(-omega_0) / c.
+    the penetration depth ell. The real part is 0 for d < 1 and pi / a for d > 1. For small d,
+    1 / ell tends to omega_0 / c; the paper (section 1) has k = sqrt(-omega_0) / c.
     """
     plus, minus = couplings(chain, lean)
     depth = penetration_depth(chain)
@@ -208,10 +208,10 @@ def zero_mode_wave_number(chain: Chain, lean: int = 1) -> complex:
 def density_of_states(chain: Chain, frequencies: ArrayLike) -> Array:
     """Return the density of modes of an infinite chain [modes / rotor / (rad/s)], shape (...).
 
-    Between the two `band_edges`, lowest and highest, the density is g(omega) = 2 omega / (pi
-    sqrt((omega^2 - lowest^2) (highest^2 - omega^2))). Outside the band, the density is 0. The
-    integral of the density over all frequencies is 1. Raises ValueError for frequencies [rad/s]
-    that are negative or not finite.
+    Between the two `band_edges`, lowest and highest, the density is
+    2 omega / (pi sqrt((omega^2 - lowest^2) (highest^2 - omega^2))). Outside the band, the density
+    is 0. The integral of the density over all frequencies is 1. Raises ValueError for frequencies
+    [rad/s] that are negative or not finite.
     """
     given = np.asarray(frequencies, dtype=np.float64)
     check_frequencies(given)

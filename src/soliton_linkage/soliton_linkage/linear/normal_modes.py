@@ -99,9 +99,9 @@ def mode_density(frequencies: ArrayLike, edges: ArrayLike) -> Array:
 def mode_energies(modes: NormalModes, displacements: ArrayLike, rates: ArrayLike) -> Array:
     """Return the energy of each mode [J], E_j = (eta_j_dot^2 + omega_j^2 eta_j^2) / 2, (..., N).
 
-    The mode coordinates are eta = shapes^T diag(I) dphi with the `displacements` dphi [rad], (...,
-    N), and eta_dot follows from `rates` [rad/s]. Raises ValueError if the last axis of an array
-    does not have the length N.
+    The mode coordinates are eta = shapes^T diag(I) dphi with the `displacements` dphi [rad],
+    (..., N). In the same way, eta_dot follows from `rates` [rad/s]. Raises ValueError if the last
+    axis of an array does not have the length N.
     """
     coordinates = _coordinates(modes, displacements, 'displacements')
     speeds = _coordinates(modes, rates, 'rates')

@@ -81,8 +81,8 @@ def toggled_angle(chain: Chain, angles: Array, edge: Edge) -> float:
 def min_norm_change(chain: Chain, angles: Array, lengthening: Array) -> Array:
     """Return the smallest change of the angles that causes given extensions [rad], shape (N,).
 
-    The change is R^T (R R^T)^(-1) dl, with the rigidity matrix R and the extensions dl =
-    `lengthening` [m] of shape (springs,). Raises ValueError for a state of self-stress.
+    The change is R^T (R R^T)^(-1) dl, with the rigidity matrix R. The extensions dl [m] are
+    `lengthening`, shape (springs,). Raises ValueError for a state of self-stress.
     """
     try:
         if chain.periodic:

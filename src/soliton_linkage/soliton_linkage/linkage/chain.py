@@ -10,9 +10,9 @@ the squared length and the squared rest length of spring n is
     e_n = l_n^2 - lbar^2 = c + 2 a (h_{n+1} - h_n) - 2 (h_n h_{n+1} + v_n v_{n+1}),
     c = a^2 + 2 r^2 - lbar^2 = -2 r^2 cos(2 theta_bar).
 
-Extensions are computed as e_n / (l_n + lbar). This form has smaller rounding errors than l_n -
-lbar, the difference of two nearly equal lengths. In chains with deviations, each rotor has its own
-r and M, and each spring its own a, lbar and k_e.
+Extensions are computed as e_n / (l_n + lbar). This form has smaller rounding errors than
+l_n - lbar, the difference of two nearly equal lengths. In chains with deviations, each rotor has
+its own r and M, and each spring its own a, lbar and k_e.
 """
 
 from __future__ import annotations

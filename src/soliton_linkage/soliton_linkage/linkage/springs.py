@@ -26,9 +26,9 @@ def spring_between(
     Relative to their pivots, the masses are at (h_left, v_left) and (h_right, v_right) [m]. The
     distance between the pivots is the `spacing` a [m], and `offset` [m^2] is an element of
     `Chain.offsets`. Let (dh, dv) = (a + h_right - h_left, v_right - v_left) and l = hypot(dh, dv).
-    The derivatives of l with respect to the angles of the left and the right rotor are A = (h_left
-    dv - v_left dh) / l and B = (v_right dh - h_right dv) / l; they are 0 if the masses coincide.
-    The arguments are numbers or arrays. Compiled loops also call this function.
+    The derivatives of l with respect to the angles of the left and the right rotor are
+    A = (h_left dv - v_left dh) / l and B = (v_right dh - h_right dv) / l. They are set to 0 if the
+    masses coincide. The arguments are numbers or arrays. Compiled loops also call this function.
     """
     across, up = h_right - h_left, v_right - v_left
     products = h_left * h_right + v_left * v_right

@@ -4,8 +4,8 @@
 In each piece, one rotor in the wall is called the seed. The angle of the seed determines the
 angles of its neighbours, these determine the angles of the next rotors, and so on outwards. Errors
 of the angles decay outwards as fast as the zero mode. With the levers A_n and B_n of bar n, the
-tangent t satisfies t_{n+1} = -(A_n / B_n) t_n and |t| = 1. The arc length follows from ds =
-dphi_seed / t_seed.
+tangent t satisfies t_{n+1} = -(A_n / B_n) t_n and |t| = 1. The arc length follows from
+ds = dphi_seed / t_seed.
 """
 
 from __future__ import annotations

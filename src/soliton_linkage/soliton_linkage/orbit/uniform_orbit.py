@@ -233,7 +233,7 @@ class _ShortOrbit:
         return np.array(speeds)
 
     def _edge(self, leg: int, at_first: bool, speeds: Array, distances: Array) -> PiecewiseCubic:
-        """Return an element of `edges`; `speeds` are |ds / d(site)| at the `distances` [rad]."""
+        """Return an element of `edges`; `speeds` [rad] are |ds / d(site)| at the `distances`."""
         chain, last, reach = self._chain, self._chain.number_of_rotors - 1, distances[-1]
         way = CubicSpline(distances, speeds / site_arc(chain)).antiderivative()
         without = reach + way(distances) - way(reach)

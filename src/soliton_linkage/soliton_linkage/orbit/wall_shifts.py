@@ -123,8 +123,8 @@ class _BarsNearWall:
 
     Each method returns the derivatives of a quantity with respect to the relative deviations,
     shape (2 n - 1,). The order is rotor 0, spacing 0, rotor 1 and so on. A bar of length l joins
-    masses at (h, v) and (h', v') relative to their pivots, which are the spacing a apart. With c =
-    h v' - v h', the levers A and B of the bar satisfy l A = c - a v and l B = a v' - c.
+    masses at (h, v) and (h', v') relative to their pivots, which are the spacing a apart. With
+    c = h v' - v h', the levers A and B of the bar satisfy l A = c - a v and l B = a v' - c.
     """
 
     def __init__(self, chain: Chain, segment: OrbitSegment) -> None:

@@ -101,8 +101,8 @@ def continuum_anti_kink(chain: Chain, site: float) -> Array:
 def constraint_field(chain: Chain, angles: Array) -> tuple[Array, Array, Array]:
     """Return the field F_n and its first and second derivative with respect to phi_n, (N,) each.
 
-    For flippers F_n is (3 m - m^3) / 2 with the `order_field` m, and for spinners it is cos(theta
-    - theta_bar). Far from the anti-kink, dF_n/dphi_n is 0 in both cases.
+    For flippers F_n is (3 m - m^3) / 2 with the `order_field` m, and for spinners F_n is
+    cos(theta - theta_bar). Far from the anti-kink, dF_n/dphi_n is 0 in both cases.
     """
     theta, sense = staggered(angles), np.where(np.arange(len(angles)) % 2, -1.0, 1.0)
     if chain.motion is Motion.SPINNER:

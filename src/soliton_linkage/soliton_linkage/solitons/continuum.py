@@ -25,8 +25,8 @@ from soliton_linkage.linear.bands import speed_of_sound
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 
 _HARDEST_KICK = 1e9
-"""If a kick exceeds this number times Lambda c [1], the speed v equals c up to rounding, because 1
-- v / c is about 2 / K^4 for a kick K Lambda c."""
+"""Kick, divided by Lambda c (see `arc_per_site`), above which the speed v equals c up to rounding
+[1]. For a kick K Lambda c, 1 - v / c is about 2 / K^4."""
 
 
 @dataclass(frozen=True)
@@ -97,8 +97,9 @@ class WallTheory(ABC):
         """Return the speed that a kick along the zero mode gives to a wall at rest [m/s].
 
         `kick` is v_0 = r |phi_dot| [m/s], with the norm |phi_dot| of all rates. The energy balance
-        M v_0^2 / 2 = (gamma - 1) M Lambda^2 c^2 gives v = c sqrt(1 - 1 / (1 + v_0^2 / (2 Lambda^2
-        c^2))^2). If `arc_per_site` [1] is given, it replaces the Lambda of the theory.
+        M v_0^2 / 2 = (gamma - 1) M Lambda^2 c^2 gives
+        v = c sqrt(1 - 1 / (1 + v_0^2 / (2 Lambda^2 c^2))^2). If `arc_per_site` [1] is given, it
+        replaces the Lambda of the theory.
         """
         arc = self.arc_per_site if arc_per_site is None else arc_per_site
         if not math.isfinite(kick):

@@ -248,8 +248,7 @@ def _symmetric_wall(chain: Chain, rotor: int, leg: int) -> Array:
 
     The reflection n -> 2 rotor + 1 - n changes phi to phi + pi in flippers and to -phi in
     spinners. Therefore r sin(phi) of `rotor` is r^2 sin(theta_bar)^2 / a in flippers. In spinners,
-    r sin(phi) is (a - lbar) / 2 for even `leg` + `rotor`, and (a + lbar) / 2 for odd `leg` +
-    `rotor`.
+    r sin(phi) is (a - lbar) / 2 if `leg` + `rotor` is even, and (a + lbar) / 2 if it is odd.
     """
     spinner, crossed = chain.motion is Motion.SPINNER, False
     if spinner:

@@ -261,8 +261,8 @@ def _sech_squared(argument: ArrayLike) -> Array:
 def _deviation(residual: Array, parameters: int, information: float) -> float:
     """Return the standard deviation of a fitted parameter, or NaN if it is undetermined.
 
-    With the Jacobian J of the fit, `information` is the inverse of the diagonal element of (J^T
-    J)^-1 that belongs to the parameter.
+    With the Jacobian J of the fit, `information` is the inverse of the diagonal element of
+    (J^T J)^-1 that belongs to the parameter.
     """
     freedom = len(residual) - parameters
     if freedom < 1 or information <= 0:
