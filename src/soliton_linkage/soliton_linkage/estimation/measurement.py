@@ -74,7 +74,7 @@ class LinearisedMeasurement(NamedTuple):
     largest: float
     """Largest absolute residual [rad]; infinite if a rotor is unknown."""
     unseen_share: float = 1.0
-    """Factor by which the correction for unseen rotors reduces the variance of `arc` that these
+    """Factor by which the correction for unseen rotors multiplies the variance of `arc` that these
     rotors cause [1]."""
     rate_shift: float = 0.0
     """Correction of `arc` for the inertial forces of unseen rotors, divided by the squared rate of

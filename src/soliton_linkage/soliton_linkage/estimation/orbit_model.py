@@ -167,7 +167,7 @@ class UnseenRotorCorrection:
         self._orbit = orbit
         lower, upper = (edge**2 for edge in band_edges(orbit.chain))
         self.remaining = (2 * lower / (lower + upper)) ** 2
-        """Factor by which the correction reduces the variance of the arc length that is due to
+        """Factor by which the correction multiplies the variance of the arc length that is due to
         unseen rotors [1]."""
 
     def shift(
