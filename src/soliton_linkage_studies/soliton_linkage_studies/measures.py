@@ -158,8 +158,8 @@ OUTCOMES = ('returns', 'crosses', 'lost')
 _PIECE = 20
 """Interval at which the simulation checks whether the wall has returned [time units]."""
 _WALL_REACH = 4
-"""Radius around a wall in which energy counts as energy of the wall, divided by the larger of wall
-width and penetration depth [1]. This range contains 98 % of the energy of a wall."""
+"""Energy belongs to a wall if its distance from the wall, divided by the larger of wall width and
+penetration depth, is at most this [1]. Within this distance is 98 % of the energy of a wall."""
 _JUMP = 5
 """If a track jumps by this or more between frames, it follows another wall [rotor spacings]."""
 

@@ -67,7 +67,7 @@ class MoveTask:
     frame_rate: float
     """Frames per second [Hz]."""
     held: float
-    """Time after the arrival in which the position error is observed [s]."""
+    """Time after the arrival during which the position error is observed [s]."""
     torque_limit: float
     """Largest torque of an actuator [N m]."""
 

@@ -37,7 +37,8 @@ Integers = NDArray[np.int64]
 _ARC_TOLERANCE = 1e-12
 """Tolerance of the integration along a curve [rad]; for d near d_c, rounding errors are larger."""
 _CLOSED = 1e-6
-"""Largest difference from a whole number of turns between the ends of a closed curve [turns]."""
+"""A curve is closed if the difference of its ends is a whole number of turns to within this
+[turns]."""
 
 
 def partner_angles(chain: Chain, theta_1: ArrayLike) -> Array:
@@ -52,8 +53,8 @@ def partner_angles(chain: Chain, theta_1: ArrayLike) -> Array:
         p^2 + q^2 - g^2 = (lbar - 2 r cos(theta_bar)^2 - a sin(theta_1))
                           (lbar + 2 r cos(theta_bar)^2 + a sin(theta_1)).
 
-    The first factor is 0 if d = d_c and theta_1 = pi / 2. Near these values it is computed without
-    cancellation.
+    The first factor is 0 if d = d_c and theta_1 = pi / 2. Near these values the factor is computed
+    without cancellation of digits.
     """
     factor, partners = _partners(chain, np.asarray(theta_1, dtype=np.float64))
     return np.where(factor[..., None] >= 0, partners, np.nan)

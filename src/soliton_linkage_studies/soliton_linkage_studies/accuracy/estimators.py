@@ -89,11 +89,11 @@ def estimators_of(chain: Chain) -> dict[str, Estimator]:
 def errors(chain: Chain, trial: EstimatorTrial, generator: Generator) -> dict[str, Array]:
     """Return the errors and margins of each estimator in the frames of a trial [rotor spacings].
 
-    Each array has shape (frames, 2). The search without a guess is tested on fewer frames, because
-    it is slow. A margin is half the width of the stated 95 % interval. The true walls are at
-    random positions within `inner_positions`, on random legs. The error is NaN if the estimator
-    finds no wall, several walls or a wrong leg, or if its error exceeds both two wall widths and
-    six Cramer-Rao bounds.
+    Each array has shape (frames, 2): error and margin. The search without a guess is tested on
+    fewer frames, because it is slow. A margin is half the width of the stated 95 % interval. The
+    true walls are at random positions within `inner_positions`, on random legs. The error is NaN
+    if the estimator finds no wall, several walls or a wrong leg, or if its error exceeds both two
+    wall widths and six Cramer-Rao bounds.
     """
     orbit = orbit_of(chain)
     widths = _LOST_WIDTHS * chain.wall_width / chain.spacing

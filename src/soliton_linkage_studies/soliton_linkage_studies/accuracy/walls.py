@@ -210,7 +210,8 @@ _TRIES = 25
 
 @dataclass(frozen=True)
 class SteadyWall:
-    """Moving wall without phonons, stored as its difference from a static wall at its position."""
+    """Moving wall without phonons, stored as difference from a static wall at the same
+    position."""
 
     position: float
     """Wall position in the chain in which the wall was simulated [rotor spacings]."""

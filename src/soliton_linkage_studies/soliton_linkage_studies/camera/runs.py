@@ -58,7 +58,8 @@ plane is still inaccurate."""
 _HAND_EVERY, _HAND_FOR = 10.0, 0.7
 """Interval at which a hand covers part of the view, and duration of each cover [s]."""
 _TURN = 0.01
-"""Step of the central differences that give the derivatives of grey levels by an angle [rad]."""
+"""Step of the central differences that give the derivatives of grey levels with respect to an
+angle [rad]."""
 
 
 @dataclass(frozen=True)

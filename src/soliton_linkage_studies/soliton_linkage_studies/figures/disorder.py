@@ -21,8 +21,8 @@ from soliton_linkage_studies.settings import Section
 def score_interval(share: Array, count: int, deviations: float = 1.0) -> tuple[Array, Array]:
     """Return the lower and upper ends of the Wilson score intervals of fractions of `count` draws.
 
-    The ends of the interval of a fraction s in `share` are the probabilities p with |s - p| =
-    deviations sqrt(p (1 - p) / count). The ends differ even if all draws have the same result.
+    For a fraction s in `share`, the ends are the two solutions p of |s - p| = deviations sqrt(p (1
+    - p) / count). The ends differ even if all draws have the same result.
     """
     pull = deviations**2 / count
     middle = share + pull / 2

@@ -199,9 +199,9 @@ def static_profile(
     """Return the displacement u [m] of a wall at rest in the continuum theory, at positions x [m].
 
     The wall has the position X = `wall` [m] and the width w [m]. For flippers, u = -r
-    sin(theta_bar) tanh((x - X) / w). For spinners that lean to the right on the left of the wall,
-    u = r sin(theta) with theta = theta_bar + s p arccos(-tanh((x - X) / w)), where p = 1 for even
-    rotors (`parity` 0) and -1 for odd ones. The sign s is determined from `angles` [rad], (N,).
+    sin(theta_bar) tanh((x - X) / w). In a spinner whose rotors to the left of the wall lean right,
+    u = r sin(theta) with theta = theta_bar + s p arccos(-tanh((x - X) / w)). Here p is 1 for even
+    rotors (`parity` 0) and -1 for odd rotors. The sign s is determined from `angles` [rad], (N,).
     """
     if chain.motion is not Motion.SPINNER:
         return FlipperTheory(chain).displacements(positions, wall)
