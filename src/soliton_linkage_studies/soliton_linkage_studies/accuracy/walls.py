@@ -210,8 +210,7 @@ _TRIES = 25
 
 @dataclass(frozen=True)
 class SteadyWall:
-    """Moving wall without phonons, stored as difference from a static wall at the same
-    position."""
+    """Moving wall without phonons, stored as difference from a static wall at this position."""
 
     position: float
     """Wall position in the chain in which the wall was simulated [rotor spacings]."""
