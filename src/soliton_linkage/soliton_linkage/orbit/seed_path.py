@@ -60,8 +60,8 @@ class SeedPath(NamedTuple):
     begins: Array
     """Angle of the seed at the start of each piece [rad], shape (P,)."""
     ends: Array
-    """Angle of the seed at the end of each piece [rad], shape (P,); it differs from `begins` by
-    less than 2 pi."""
+    """Angle of the seed at the end of each piece [rad], shape (P,). The difference from `begins`
+    is less than 2 pi."""
     left_branches: Branches
     """Signs of the levers A of the bars around the seed of each piece, shape (P, 2 beside). The
     bars have the numbers seed - beside to seed + beside - 1."""

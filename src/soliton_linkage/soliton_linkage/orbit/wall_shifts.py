@@ -53,15 +53,15 @@ _SAMPLES = 4
 
 
 class Shifts(NamedTuple):
-    """Ratios of standard deviations: error of a wall divided by error of a far rotor.
+    """Standard deviations of errors of a wall, each divided by sigma.
 
-    `WallShifts` defines the error of a far rotor.
+    Here sigma [rad] is the standard deviation of the error of a far rotor (see `WallShifts`).
     """
 
     arc: float
-    """Ratio for the error of the arc length of the wall [1]."""
+    """Standard deviation of the error of the arc length, divided by sigma [1]."""
     rate: float
-    """Ratio for the relative error of the rate of the wall [1/rad]."""
+    """Standard deviation of the relative error of the rate, divided by sigma [1/rad]."""
 
 
 class WallShifts:
