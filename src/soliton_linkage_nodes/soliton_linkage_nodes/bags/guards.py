@@ -53,7 +53,8 @@ PACKED = '.zstd'
 def decompress_file(packed: Path, folder: str, limits: BagLimits) -> tuple[Path, str | None]:
     """Decompress a zstd file into a folder, up to the first damage or up to the size limit.
 
-    Returns the path of the new file and None, or its path and the reason why it is incomplete.
+    The first result is the path of the new file. The second result is the reason why the new file
+    is incomplete, or None.
     """
     plain, data = Path(folder, packed.stem), map_file(packed)
     most = limits.for_file(len(data))
@@ -82,7 +83,7 @@ def decompressed_blocks(
 ) -> Iterator[bytes]:
     """Yield the content of zstd or lz4 data in blocks.
 
-    Raises ValueError if the data is damaged or if, with `whole`, it is truncated.
+    Raises ValueError if the data is damaged. If `whole` is set, truncated data is also an error.
     """
     packed = memoryview(packed)
     begin, decompressor, at_end = 0, _decompressor(codec), False
@@ -173,7 +174,7 @@ def open_file(path: Path, folder: Path | None = None) -> BinaryIO:
 
 
 def read_file(path: Path, folder: Path | None, most: int) -> bytes:
-    """Return the content of a regular file. Raises ValueError if it exceeds `most` bytes."""
+    """Return the content of a regular file. Raises ValueError if the file exceeds `most` bytes."""
     with open_file(path, folder) as file:
         content = file.read(most + 1)
     if len(content) > most:
@@ -242,7 +243,7 @@ def load_json(text: str) -> Any:
 
 
 def parse_count(value: object) -> int:
-    """Return a number or its text as an integer. If it is not from 0 to 2^63 - 1, return 0."""
+    """Return a number or the number in a text. If it is not in 0, ..., 2^63 - 1, return 0."""
     number = int(value) if isinstance(value, str) and re.fullmatch(r'\d{1,18}', value) else value
     valid = isinstance(number, int) and not isinstance(number, bool) and 0 <= number < 2**63
     return number if valid and isinstance(number, int) else 0

@@ -76,7 +76,7 @@ def find_topic(reader: BagReader, name: str, remedy: str = _RECORD) -> StoredTop
 
 
 def types_of_topic(reader: BagReader, name: str, remedy: str = _RECORD) -> list[StoredTopic]:
-    """Return one entry for each type and encoding of a topic. `find_topic` explains the names."""
+    """Return one entry per type and encoding of a topic. `find_topic` describes the search."""
     wanted = name.rpartition('/')[2]
     found = [each for each in reader.topics if each.name == name] or [
         each for each in reader.topics if each.name.rpartition('/')[2] == wanted

@@ -261,7 +261,7 @@ def _opened(file: Path, doubtful: bool, limits: BagLimits) -> Iterator[Recovered
 
 
 def unfinished_bag(name: Path) -> Path | None:
-    """Return the last of the bags `<name>_0`, `<name>_1`, ..., or None if it is finished."""
+    """Return the last of the bags `<name>_0`, `<name>_1`, ... if it is unfinished, else None."""
     number = 0
     while (name.parent / f'{name.name}_{number}').exists():
         number += 1

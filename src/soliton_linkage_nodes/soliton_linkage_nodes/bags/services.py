@@ -19,7 +19,7 @@ _OURS = {'Seek': Seek, 'SetRate': SetRate, 'GetRate': GetRate}
 
 @dataclass(frozen=True)
 class Reply:
-    """Result of a service call: a line of text, and values by field name of the response."""
+    """Result of a service call: a line of text, and values for fields of the response by name."""
 
     line: str
     figures: Mapping[str, Any] = field(default_factory=dict)
@@ -51,7 +51,7 @@ def serve_value(
 ) -> None:
     """Offer the service `~/<name>`, which responds with `value()`.
 
-    The value is in the field `field`. If the service type lacks this field, it is in `success`.
+    The value is in the field `field` or, if the service type lacks this field, in `success`.
     """
 
     def respond(_request: Any, response: Any) -> Any:
@@ -62,9 +62,10 @@ def serve_value(
 
 
 def service_type(name: str) -> Any:
-    """Return the service type of this name in rosbag2 or, if not installed, a replacement.
+    """Return the service type with this name from rosbag2.
 
-    The replacement is a type of this software with the same name or, without such a type, Trigger.
+    If rosbag2 is not installed, return the type of this software with the same name or, without
+    such a type, Trigger.
     """
     try:
         return getattr(importlib.import_module('rosbag2_interfaces.srv'), name)

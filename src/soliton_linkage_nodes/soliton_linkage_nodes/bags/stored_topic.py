@@ -137,7 +137,7 @@ def _not_installed(kind: str, name: str, error: Exception) -> str:
 
 
 def completed(topic: StoredTopic) -> StoredTopic:
-    """Return a CDR topic. The installed type supplies a missing definition or hash."""
+    """Return a topic. If its encoding is CDR, add a missing definition or hash of its type."""
     if topic.serialization != CDR or (topic.definition and topic.digest):
         return topic
     known, digest, _ = _installed(topic.type_name)

@@ -70,7 +70,7 @@ class OfferedService:
             self._node.destroy_client(self._client)
 
     def _respond(self, request: websocket.ServiceRequest) -> bytes:
-        """Return the response to a request. The server calls this method on its own thread."""
+        """Return the response to a request. The server calls this method on its own threads."""
         answer: Future[bytes] = Future()
         self._queue(lambda: self._waiting.append((request, answer)))
         try:

@@ -35,9 +35,10 @@ _LONGEST_ANALYSIS = 5.0
 _MOST_STEPS = 20
 """Largest number of messages that a paused replay plays after a seek to show a frame [1]."""
 _STEP_INTERVAL = 0.02
-"""Pause after each of these messages, in which the page receives the message [s]."""
+"""Pause after each message that a paused replay plays after a seek [s]. During the pause, the page
+receives the message."""
 _LONGEST_SEEK = 30.0
-"""Longest wait for a frame and its soliton_state after the last of these messages [s]."""
+"""Longest wait for a frame and its soliton_state after the last played message [s]."""
 _RESULTS = {
     'pause': 'paused',
     'resume': 'resumed',
@@ -204,7 +205,7 @@ class BagReplay(_BagProgram):
 
     @property
     def position(self) -> float | None:
-        """Time in the bag of the newest replayed frame, from the start [s]; None if unknown."""
+        """Time of the newest replayed frame since the start of the bag [s]; None if unknown."""
         chain = self._finder.chains.get(self.namespace)
         if self.bag is None or chain is None or chain.model.frames == self._frames_before:
             return None
@@ -299,7 +300,7 @@ class BagReplay(_BagProgram):
         return f'playing at {rate:g} × the recorded speed'
 
     async def set_loop(self, loop: bool) -> str:
-        """Set whether the replay repeats the bag. This restarts the player at its position."""
+        """Set whether the replay repeats the bag, and restart a running player at its position."""
         self._commands(self.namespace).check_writable()
         async with self._changing:
             self.loop = loop

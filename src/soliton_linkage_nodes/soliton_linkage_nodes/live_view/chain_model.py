@@ -166,7 +166,7 @@ class ChainModel:
     def packed(self, index: int, first: int, last: int) -> bytes:
         """Return the present state as a binary frame with details of the rotors `first` to `last`.
 
-        `index` is the index of the chain in the status.
+        `index` is the index of the chain in the list of chains that the page receives.
         """
         first = max(0, min(first, self.rotors - 1))
         last = max(first, min(last, self.rotors - 1))

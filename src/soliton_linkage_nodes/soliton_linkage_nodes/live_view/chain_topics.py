@@ -33,8 +33,8 @@ _PAIRED = 200
 _SILENCE = 0.5
 """Time without soliton_state after which frames are shown without a state [s]."""
 _LONGEST_WAIT = 2.0
-"""If no frame and state have equal stamps for this time [s], the newest frame and the newest state
-are shown together, because an analyser may use other stamps than the encoders."""
+"""Time without a frame and a state of equal stamps, after which the newest frame and the newest
+state are shown together [s]. An analyser may use other stamps than the encoders."""
 _LATE_SPAN = 10.0
 """Time window for the fraction of missed deadlines [s]."""
 _CHANGES = 3
@@ -45,7 +45,7 @@ _CHANGE_SPAN = 4.0
 _MOST_CHAINS = 16
 """Largest number of chains that the page shows [1]."""
 _MOST_BYTES = 4_000_000
-"""Largest camera picture that is sent to a page [B]. It has about 12 megapixels."""
+"""Largest camera picture that is sent to a page, about 12 megapixels [B]."""
 
 
 class CameraTopic:
@@ -106,7 +106,7 @@ class CameraTopic:
     def packed(self, index: int) -> bytes:
         """Return the newest picture as a binary message for the page.
 
-        `index` is the index of the chain in the status.
+        `index` is the index of the chain in the list of chains that the page receives.
         """
         age = time.monotonic() - self._received_at
         return pack_camera(index, self._stamp, age, self._jpeg)
@@ -144,7 +144,7 @@ class Sources:
 
 
 class ChainTopics:
-    """Subscriptions to the topics of one chain. Its namespace ends with a slash."""
+    """Subscriptions to the topics of one chain. The namespace of the chain ends with a slash."""
 
     def __init__(self, node: Node, namespace: str) -> None:
         self.namespace = namespace
@@ -217,9 +217,9 @@ class ChainTopics:
         return f'several nodes publish {mixed} at the same time; stop all but one' if mixed else ''
 
     def is_analysed(self, stamp: int) -> bool:
-        """Return whether a state for the frame at `stamp` [ns] need not be awaited any more.
+        """Return whether the state of the frame at `stamp` [ns] has arrived.
 
-        The state has arrived, or no analyser publishes states.
+        If no analyser publishes states, return True.
         """
         silent = time.monotonic() - self._state_at > _SILENCE
         return silent or self.newest_state >= stamp

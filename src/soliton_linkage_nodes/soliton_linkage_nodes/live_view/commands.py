@@ -125,7 +125,7 @@ class ChainCommands:
         return await self._send('edge_command', message, lasting)
 
     async def pull(self, pull: Pull, updated: Callable[[], Awaitable[None]]) -> str:
-        """Release a held soliton, and pull a rotor while `pull.held`. `updated` awaits a frame."""
+        """Release a held soliton, and pull a rotor while `pull.held`. `updated` awaits frames."""
         self.check_writable()
         chain = self._chain
         named = chain.model.named if chain else None
@@ -185,7 +185,7 @@ class ChainCommands:
         return await self._call_own('simulator/pause', SetBool.Request(data=paused))
 
     async def step(self, periods: float) -> str:
-        """Advance a paused simulation by a number of publish periods."""
+        """Advance a paused simulation by a number of publishing periods."""
         return await self._call_own('simulator/step', views.step_request(periods))
 
     async def reset(
@@ -377,7 +377,7 @@ class ChainCommands:
         raise ValueError(f'no answer of {node} within {_ANSWER_TIMEOUT:g} s; see its log')
 
     def close(self) -> None:
-        """Destroy the action client, which the node does not destroy."""
+        """Destroy the action client. The node itself does not destroy it."""
         if self._mover is not None:
             self._mover.destroy()
 
@@ -428,7 +428,7 @@ class ChainCommands:
 
 
 def _new_rejection(before: NodeReport | None, report: NodeReport | None, topic: str) -> str:
-    """Return why a command on `topic` was rejected between two reports, or '' if none was."""
+    """Return the reason if a command on `topic` was rejected between two reports, else ''."""
     if report is None:
         return ''
     rejected = views.figure(report.figures, 'rejected')

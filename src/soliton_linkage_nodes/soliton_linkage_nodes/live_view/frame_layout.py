@@ -2,8 +2,8 @@
 """Layout of the binary messages to the page: frames, histories and camera pictures.
 
 All numbers are little-endian. The first double is the kind of the message, an index of `KINDS`. In
-a frame it is followed by the values of the `FIELDS` and the lengths of the `ARRAYS`, as doubles.
-The arrays follow as float32.
+a frame, the next doubles are the values of the `FIELDS` and the lengths of the `ARRAYS`. The
+arrays follow as float32.
 """
 
 from __future__ import annotations
@@ -79,10 +79,11 @@ def pack(numbers: Mapping[str, float], arrays: Mapping[str, Array | Floats]) -> 
 def pack_history(chain: int, columns: Iterable[Column]) -> bytes:
     """Return a message with the past states of a chain, `columns`.
 
-    `chain` is the index of the chain in the status. The message begins with five doubles: kind,
-    chain index, number of columns, length of `overview` and length of `numbers` in a column. The
-    `numbers` of all columns follow as doubles. The `overview` of all columns follow as float32. A
-    column is left out if its `overview` is not as long as the `overview` of the last column.
+    `chain` is the index of the chain in the list of chains that the page receives. The message
+    begins with five doubles: kind, chain index, number of columns, length of `overview` and length
+    of `numbers` in a column. The `numbers` of all columns follow as doubles. The `overview` of all
+    columns follow as float32. A column is left out if its `overview` is not as long as the
+    `overview` of the last column.
     """
     kept = list(columns)
     height = kept[-1].overview.size if kept else 0

@@ -21,7 +21,7 @@ _ACCELERATION = 200.0
 """Largest angular acceleration that the torque gives to a free rotor [rad/s^2]. The rotor then
 reaches 10 rad/s in 0.05 s."""
 _STRETCH = 1.0
-"""Angle between rotor and pointer at which the torque of the spring is largest [rad]."""
+"""Angle between rotor and pointer above which the torque of the spring is constant [rad]."""
 _TOP_SPEED = 20.0
 """Angular speed of the rotor at which the damping torque equals the largest torque [rad/s]."""
 _DEAD_ZONE = 0.2
@@ -64,7 +64,7 @@ class Move:
 
 
 def await_end(move: Move, handle: Any) -> None:
-    """Store the outcome in `move` as soon as the goal of the action, `handle`, has a result."""
+    """Store the outcome in `move` as soon as the goal with this handle has a result."""
     if handle is not None and handle.accepted:
         move.handle = handle
         handle.get_result_async().add_done_callback(lambda done: _conclude(move, done.result()))
@@ -94,9 +94,9 @@ class Pull:
         self.x, self.z = float(x), float(z)
 
     def torque(self, chain: Chain, angles: Array, rates: Array | None, limit: float) -> float:
-        """Return the torque on the pulled rotor, whose magnitude is at most `limit` [N m].
+        """Return the torque on the pulled rotor, between -`limit` and `limit` [N m].
 
-        `angles` [rad] and `rates` [rad/s] are those of all rotors, shape (N,).
+        `angles` [rad] and `rates` [rad/s] have one element per rotor.
         """
         pivot = float(np.sum(chain.spacings[: self.rotor]))
         length = float(chain.rotor_lengths[self.rotor])

@@ -22,8 +22,8 @@ of `_FRAMES_BEHIND` frames."""
 _ENDING = ('bag_player', 'bag_recorder')
 """Nodes that end in normal operation. The page does not warn if their reports are missing."""
 _FRAMES_BEHIND = 2
-"""Number of frames by which soliton_state may be delayed without a warning [1]. It exceeds 1,
-because one frame is always in transit."""
+"""Number of frames by which soliton_state may be delayed without a warning [1]. The number exceeds
+1, because one frame is always in transit."""
 _LATE = re.compile('deadlines missed in the last second')
 """Pattern of a warning that the page omits, because it shows the fraction of late frames."""
 _PAUSED = re.compile(f'{_LATE.pattern}|^waiting for joint_states')
@@ -68,7 +68,7 @@ def reports_of(finder: ChainFinder, namespace: str) -> list[tuple[float, NodeRep
 
 
 def _health(finder: ChainFinder, chain: ChainTopics) -> dict[str, Any]:
-    """Return the frame rate, the fraction of late frames, the warnings and similar values."""
+    """Return the health of a chain: frame rate, fraction of late frames, warnings and others."""
     figures: Mapping[str, str] = {}
     lost: int | None = None
     warnings, paused, replay = [], False, ''

@@ -123,7 +123,7 @@ class BrowserStream:
         await self._socket.send_bytes(packed)
 
     def _skipped(self, chain: ChainTopics) -> list[Column]:
-        """Return the new columns of the history, except the newest, which is sent as a frame."""
+        """Return the new columns of the history without the newest. It is sent as a frame."""
         last = self._sent_stamps.get(chain.namespace, math.inf)
         self._sent_stamps[chain.namespace] = chain.model.stamp
         skipped = list(

@@ -20,7 +20,7 @@ from soliton_linkage_nodes.live_view.commands import ChainCommands
 from soliton_linkage_nodes.live_view.status import status_of
 
 ALL = '*'
-"""Value in place of a namespace with which a page shows all chains side by side."""
+"""Name that a page uses instead of a namespace to show all chains side by side."""
 _STATUS_PERIOD = 0.25
 """Time between two updates of the status [s]. Nodes report once per second."""
 _MOST_FAILURES = 3
@@ -54,7 +54,7 @@ class View:
 
     @property
     def chains(self) -> Mapping[str, ChainTopics]:
-        """Chains by namespace. Their order defines the index of a chain in the status."""
+        """Chains by namespace. Their order defines the indices of the chains on the page."""
         return self.finder.chains
 
     def commands(self, namespace: str) -> ChainCommands:
@@ -93,7 +93,7 @@ class View:
     def packed(self, index: int, chain: ChainTopics, first: int, last: int) -> bytes:
         """Return the binary frame of a chain with details of the rotors `first` to `last`.
 
-        `index` is the index of the chain in the status.
+        `index` is the index of the chain in the list of chains that the page receives.
         """
         window = index, first, last
         if window not in self._packed:

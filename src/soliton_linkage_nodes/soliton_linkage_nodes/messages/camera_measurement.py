@@ -128,7 +128,7 @@ def describe_reading(measurement: CameraMeasurement, seen: CameraReading) -> str
 
 
 def median_deviation(frame: AngleFrame) -> float:
-    """Return the median standard deviation [rad] of the visible angles; NaN without any."""
+    """Return the median standard deviation of the visible angles [rad]. Without any, it is NaN."""
     known = frame.deviations[np.isfinite(frame.deviations)]
     return float(np.median(known)) if len(known) else float('nan')
 
@@ -136,10 +136,10 @@ def median_deviation(frame: AngleFrame) -> float:
 def walls_on_overlay(
     solitons: tuple[AnalysedSoliton, ...], spacing: float, since: float = 0.0
 ) -> list[WallMark]:
-    """Return a mark at the position of each soliton.
+    """Return a mark for the position of each soliton.
 
-    The positions are extrapolated by the time `since` [s] with the velocities of the solitons.
-    `spacing` is the distance between neighbouring pivots [m].
+    The velocity of the soliton is used to extrapolate the position to the time `since` after the
+    state [s]. `spacing` is the distance between neighbouring pivots [m].
     """
     return [
         WallMark(

@@ -41,8 +41,9 @@ class Layout:
     """Byte layout of all messages that have the same frame id and the same joint names.
 
     CDR encodes a string as its length, its bytes and a zero byte. It encodes a sequence as the
-    number of elements, followed by the elements. A length or number starts at a multiple of 4
-    bytes and a double at a multiple of 8 bytes, counted from the end of the encapsulation header.
+    number of elements, followed by the elements. The lengths and the numbers of elements start at
+    multiples of 4 bytes, and doubles at multiples of 8 bytes, counted from the end of the
+    encapsulation header.
     """
 
     def __init__(self, frame_id: str, name: tuple[str, ...]) -> None:

@@ -191,7 +191,8 @@ def with_joints(
 ) -> NamedChain:
     """Return the chain with the joint names `joints`; without names, return `named` unchanged.
 
-    Raises ValueError if the number of names is wrong. The error text calls the list `source`.
+    Raises ValueError if the number of names is wrong. `source` is the name of the list in the
+    error text.
     """
     if joints and len(joints) != named.rotors:
         raise ValueError(

@@ -45,7 +45,8 @@ class JointActuators:
         """Return the rotors of the joints `names`, and their torques [N m].
 
         The last axis of `torques` has one entry for each name. Raises ValueError if a joint has no
-        actuator or a torque exceeds its limit. The error text calls the torques `source`.
+        actuator or a torque exceeds its limit. `source` is the name of the torques in the error
+        text.
         """
         check_names(source, names)
         index_of = {name: index for index, name in enumerate(self.names)}
@@ -132,7 +133,8 @@ def efforts_from_msg(
 ) -> tuple[Rotors, Array]:
     """Return the rotors and their torques [N m] in a message.
 
-    Raises ValueError if the message is not accepted. The error text calls the message `source`.
+    Raises ValueError if the message is not accepted. `source` is the name of the message in the
+    error text.
     """
     if message.position or message.velocity:
         raise ValueError(
@@ -149,7 +151,8 @@ def efforts_from_array(
 ) -> tuple[Rotors, Array]:
     """Return all rotors that have an actuator, and their torques [N m] in a message.
 
-    Raises ValueError if a torque is invalid. The error text calls the message `source`.
+    Raises ValueError if a torque is invalid. `source` is the name of the message in the error
+    text.
     """
     torques = np.asarray(message.data, dtype=np.float64)
     return actuators.checked(f'{source}.data', actuators.names, torques)
@@ -160,7 +163,8 @@ def trajectory_from_msg(
 ) -> tuple[Rotors, Array, Array]:
     """Return the rotors, times [s] and torques [N m], shape (times, rotors), of a trajectory.
 
-    Raises ValueError if the message is not accepted. The error text calls the message `source`.
+    Raises ValueError if the message is not accepted. `source` is the name of the message in the
+    error text.
     """
     if not message.joint_names:
         raise ValueError(f'{source} has points but no joints; fill joint_names')
@@ -227,7 +231,7 @@ class StampRule:
     oldest: float
     """Largest age of a command that is executed at once [s]; 0 means that `longest` applies."""
     longest: float
-    """A command must end at most this time from now [s]."""
+    """Largest time from now to the end of a command [s]."""
 
     def check_at_once(self, source: str, stamp: int, now: int) -> None:
         """Check the stamp [ns] of a command that is executed at once, at the time `now` [ns].
@@ -251,7 +255,7 @@ class StampRule:
     def delay(self, source: str, stamp: int, now: int, duration: float) -> float:
         """Return the time from `now` [ns] to the start of a command [s].
 
-        The time is negative if the command should have started before. Raises ValueError if the
+        The time is negative if the start of the command was before `now`. Raises ValueError if the
         command, which lasts `duration` [s], has already ended or ends too late.
         """
         delay = -self._age(stamp, now)

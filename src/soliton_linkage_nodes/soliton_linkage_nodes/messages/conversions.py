@@ -47,7 +47,7 @@ class NamedChain:
     chain: Chain
     joint_names: tuple[str, ...]
     encoder_offsets: tuple[float, ...] = ()
-    """Encoder position minus angle of each rotor [rad]. The tuple is empty if they are unknown."""
+    """Encoder position minus angle of each rotor [rad]; () if these offsets are unknown."""
 
     def __post_init__(self) -> None:
         check_one_each(KnownEncoders(self.encoder_offsets).offsets, self.rotors)
@@ -226,7 +226,7 @@ def torques_from_msg(rotors: Mapping[str, int], message: JointState, largest: fl
 
 
 def check_names(source: str, names: Sequence[str]) -> None:
-    """Raise ValueError if a name occurs twice. The error text calls the list `source`."""
+    """Raise ValueError if a name occurs twice. The error text uses `source` to name the list."""
     if len(set(names)) != len(names):
         twice = next(name for name in names if list(names).count(name) > 1)
         raise ValueError(f'{source} has {twice!r} twice; name each joint once')
@@ -276,7 +276,7 @@ def _by_rotor(
 def check_length(source: str, names: Sequence[str], values: Sequence[float] | Array) -> None:
     """Raise ValueError unless there are as many values as names.
 
-    The error text calls the values `source`.
+    `source` is the name of the values in the error text.
     """
     if len(values) != len(names):
         raise ValueError(

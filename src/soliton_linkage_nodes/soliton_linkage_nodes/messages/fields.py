@@ -48,7 +48,7 @@ def plain(value: Any) -> Any:
 
 
 def to_yaml(value: Any) -> str:
-    """Return a message or the value of a field as YAML. A list of numbers or texts is one line."""
+    """Return a message or a field's value as YAML. Lists of numbers or texts are in one line."""
     text: str = yaml.dump(
         plain(value), Dumper=_Dumper, sort_keys=False, width=_WIDTH, allow_unicode=True
     )
@@ -77,9 +77,9 @@ def read(message_type: Any, text: str) -> Any:
 
 
 def built(message_type: Any, values: Any) -> Any:
-    """Return a message with the values of its fields; other fields have their defaults.
+    """Return a message from a mapping of field names to values. Other fields have their defaults.
 
-    Raises ValueError if a value does not fit the type of its field.
+    Raises ValueError if a field is unknown or a value does not fit the type of its field.
     """
     types = message_type.get_fields_and_field_types()
     name = _name(message_type)

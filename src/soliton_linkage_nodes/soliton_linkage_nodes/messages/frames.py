@@ -134,9 +134,9 @@ class FrameAssembler:
 
     Several encoder boards may each publish some of the joints. The assembler returns a frame when
     the frame has all joints of the chain, or all joints that earlier merged frames had. Otherwise
-    it returns the incomplete frame when a message with another stamp arrives. While no two
-    messages have had equal stamps, it delays only the first incomplete frame and then returns each
-    message at once.
+    it returns the incomplete frame when a message with another stamp arrives. As long as no two
+    messages have had equal stamps, only the first incomplete frame is delayed, and each later
+    message is returned at once.
     """
 
     def __init__(self, joint_names: Sequence[str] = ()) -> None:
@@ -147,7 +147,7 @@ class FrameAssembler:
         self._short = 0
         self._last: tuple[int, frozenset[str]] | None = None
         self.whole: tuple[str, ...] | None = None
-        """Joint names of the last message that contained the whole chain; None before such one."""
+        """Joint names of the last message that contained all joints of the chain, or None."""
 
     @property
     def waiting_since(self) -> int | None:

@@ -79,7 +79,7 @@ class JointStateAnalysis:
             self.analyser.apply_impulse(read_stamp(serialized) or None, impulses)
 
     def add_deviations(self, deviations: JointStates) -> None:
-        """Store the standard deviations of the frame with the same stamp if the chain is known."""
+        """Store standard deviations for the frame with the same stamp. The chain must be known."""
         if self._deviation_reader is None:
             return
         by_rotor = self._deviation_reader.read(deviations).angles

@@ -117,7 +117,7 @@ _UNITS = {
 
 
 def state_to_msg(analysis: Analysis, joints: JointStates) -> msg.SolitonState:
-    """Return the message about the analysis of a frame, with the stamp of the frame `joints`."""
+    """Return the message that contains the analysis of the frame `joints`."""
     stamp = Time(sec=joints.seconds, nanosec=joints.nanoseconds)
     topology = _topology(analysis.topology, analysis.edge_rotors)
     motion, measured = analysis.motion, analysis.measured_motion

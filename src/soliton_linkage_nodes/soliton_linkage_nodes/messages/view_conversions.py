@@ -77,7 +77,7 @@ class NodeReport:
     """Latest report of a node on /diagnostics."""
 
     node: str
-    """Full name of the node: the report's hardware_id or, if empty, its name up to the colon."""
+    """Full name of the node, according to the field hardware_id or name of the report."""
     level: int
     """Level of the report: 0 OK, 1 warning, 2 error, 3 stale."""
     message: str
@@ -222,7 +222,7 @@ def step_request(periods: float) -> Step.Request:
 
 
 def describe_kick(kick: msg.LastKick) -> str:
-    """Describe the effect of a kick. Raises ValueError if the simulator did not execute it."""
+    """Describe the effect of a kick. Raises ValueError if the kick was not executed."""
     if kick.cut_short and not kick.name:
         raise ValueError('the simulator did not execute the command; see its log')
     command = kick.command

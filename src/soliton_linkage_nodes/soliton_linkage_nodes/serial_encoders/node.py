@@ -39,7 +39,7 @@ a tenth of this time."""
 _WARNING_PERIOD = 1.0
 """Shortest time between two warnings about restarts or jumps of the controller's clock [s]."""
 _LONGEST_DELAY = 0.5
-"""Delay of the frames above which the node warns [s]. The analyser skips later frames."""
+"""Delay of the frames above which the node warns [s]. The analyser skips such late frames."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class SerialEncodersParameters:
 
 
 class SerialEncoders(ManagedNode):
-    """Node that publishes the angles of a microcontroller and sends torques to its valves.
+    """Node that publishes angles from a microcontroller and commands the torques of its valves.
 
     The node publishes the angles in `joint_states` [rad] with the time of the measurement as
     stamp. The angles of missing rotors are NaN. Before each frame the node publishes the impulses

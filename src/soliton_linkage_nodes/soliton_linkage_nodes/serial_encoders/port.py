@@ -22,7 +22,7 @@ from soliton_linkage_nodes.runtime.pacing import raise_priority
 _READ_TIMEOUT = 0.1
 """Interval at which the thread checks whether it must stop [s]."""
 _WRITE_TIMEOUT = 0.05
-"""Longest transmission of a command [s], half of the default of the parameter `hold`."""
+"""Longest duration of the transmission of a command [s], half of the default of `hold`."""
 _REOPEN_INTERVAL = 0.2
 """Time between two attempts to reopen a lost port [s]."""
 _READ_SIZE = 2**16
@@ -164,7 +164,7 @@ def _remedy(error: Exception, path: str) -> str:
 
 
 def _reason(error: Exception) -> str:
-    """Return the error text of the operating system. Without one, return that of pyserial."""
+    """Return the error text of the operating system or, if it has none, of pyserial."""
     for each in (error.__context__, error):
         if isinstance(each, OSError) and each.strerror:
             return str(each.strerror)

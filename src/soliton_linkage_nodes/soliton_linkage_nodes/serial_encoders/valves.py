@@ -92,7 +92,7 @@ class Valves:
         other command follows [s], and torques without the feedback [N m]."""
 
     def hold(self, torques: Array, now: float) -> None:
-        """Set the torques from the time `now` [s] on [N m], shape (N,).
+        """Set the torques that begin at the time `now` [s]. `torques` [N m] has shape (N,).
 
         They end after `command_timeout`, unless this method is called again.
         """
@@ -129,9 +129,9 @@ class Valves:
         self._acting.append((now, now + self._parameters.hold, self._sent))
 
     def delivered(self, until: float) -> Array:
-        """Return the impulses from the last call to the time `until` [s] [N m s], shape (N,).
+        """Return the impulses [N m s], shape (N,), from the last call to the time `until` [s].
 
-        They do not include the impulses of the feedback.
+        The impulses of the feedback are not included.
         """
         impulses = np.zeros_like(self._torques)
         while self._acting and self._acting[0][0] < until:

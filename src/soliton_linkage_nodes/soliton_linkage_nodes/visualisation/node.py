@@ -87,7 +87,7 @@ class MarkerPublisher(DrawingPublisher):
     name = 'markers'
 
     def __init__(self, publisher: Publisher, kick_shown: float) -> None:
-        """Set the time after the end of a kick for which the kick is shown, `kick_shown` [s]."""
+        """Set `kick_shown`, the time for which a kick is shown after its end [s]."""
         super().__init__(publisher)
         self._kick_shown = kick_shown
         self._scene: ChainScene | None = None
@@ -180,8 +180,8 @@ class Visualisation(GuardedNode):
 
     The node subscribes to `joint_states`, `soliton_state`, `last_kick`, `/diagnostics` and, unless
     parameters specify the chain, to `chain`. It publishes `robot_description` (URDF, latched) and
-    `/diagnostics`. While they have a subscriber, it also publishes `markers`, `soliton_pose` (pose
-    of the first soliton) and `kymograph`.
+    `/diagnostics`. It also publishes `markers`, `soliton_pose` (pose of the first soliton) and
+    `kymograph`. It draws each of these three only while the topic has a subscriber.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {

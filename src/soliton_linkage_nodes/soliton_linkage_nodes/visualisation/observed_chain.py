@@ -31,13 +31,13 @@ class ObservedChain:
     """Newest angles, solitons, last kick and node reports of a chain."""
 
     def __init__(self, inbox: Node, owner: Node) -> None:
-        """Subscribe to the topics, whose names the node `owner` resolves.
+        """Subscribe to the topics of the chain. The node `owner` resolves their names.
 
         The node `inbox` has the subscriptions. It must not be added to an executor.
         """
         self.named: NamedChain | None = None
         self.angles: Array = np.zeros(0)
-        """Angles [rad], shape (N,). Missing angles are NaN. Before the first frame it is empty."""
+        """Angles [rad], shape (N,), with NaN for missing angles; empty before the first frame."""
         self.stamp = Time()
         """Stamp of the angles."""
         self.frame = FRAME

@@ -28,8 +28,8 @@ _AT_REST = 1e-4
 """Smallest extension that is drawn in the brightest colour, relative to the rest length [1]. A
 chain at rest is therefore grey."""
 _DECAY = 0.98
-"""Smallest ratio of the extensions with the brightest colour in successive drawings [1]. When the
-extensions decrease, the colours therefore change slowly."""
+"""Factor by which the extension with the brightest colour decreases at most per drawing [1]. The
+colours therefore change slowly when the extensions decrease."""
 
 
 class Shape(NamedTuple):

@@ -41,9 +41,9 @@ class PlaybackClock:
         longest_burst: float = 2.0,
         changed: threading.Condition | None = None,
     ) -> None:
-        """Set the longest duration of `play_next`, `longest_step`, and of `burst` [s].
+        """Set the longest durations of `play_next` and of `burst` [s].
 
-        These calls block all other services of the player.
+        The durations are limited because these calls block all other services of the player.
         """
         self.stopping = threading.Event()
         self._longest_step = longest_step

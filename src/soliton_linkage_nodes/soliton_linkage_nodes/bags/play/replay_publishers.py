@@ -29,7 +29,7 @@ _ANSWER_POLL_INTERVAL = 0.05
 
 
 class Lockstep:
-    """Flow control of a replay, in which a frame waits until the analyser has answered others.
+    """Flow control of a replay. A frame waits until the analyser has answered earlier frames.
 
     A `soliton_state` counts as the answer to all frames up to its stamp, because the analyser does
     not answer frames that it rejects.

@@ -26,7 +26,7 @@ _CUSTOM_DATA_INTERVAL = 1.0
 """Shortest time between two writes of the custom data [s]. Each write lengthens the file."""
 _RESERVE = 'space_for_the_index'
 _RESERVE_BYTES = 2**20
-"""Disk space that is reserved for the index [B]. The index has 100 bytes per chunk."""
+"""Disk space that is reserved for the index [B], sufficient for 10,000 chunks."""
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.pacing import IdlePriority
 
 _LONGEST_TEXT = 1000
-"""Chain parameters with at least this many characters are not stored in the bag [characters]."""
+"""Chain parameters whose text has at least this length are not stored in the bag [characters]."""
 _CHAIN_TYPE = type_name(interfaces.CHAIN.type)
 
 
@@ -52,14 +52,14 @@ class DiscoveryTimes:
     announcement: float = 3.2
     """Shortest duration of the discovery [s], so that every process announces itself once."""
     quiet: float = 1.0
-    """Time without change of the numbers of known and of connected publishers after which the
-    discovery ends [s]."""
+    """The discovery ends when the numbers of known and connected publishers have been constant for
+    this time [s]."""
     longest: float = 10.0
     """Longest wait for unconnected publishers [s]. They may have been killed."""
 
 
 class DiscoveryWait:
-    """Monitor of the discovery of the publishers of recorded topics, and of their connection."""
+    """Monitor that checks whether all publishers of recorded topics are found and connected."""
 
     def __init__(
         self, times: DiscoveryTimes = DiscoveryTimes(), clock: Callable[[], float] = time.monotonic
@@ -141,14 +141,14 @@ class ReceivingThread:
 
     @property
     def losses(self) -> dict[str, int]:
-        """Number of messages of each topic that were published but are not in the bag."""
+        """Numbers of messages that were published but are not in the bag, by topic."""
         dropped = self._bag.dropped
         lost = {each.source.name: each.gaps.lost for each in self._subscriptions}
         return {name: count + dropped[name] for name, count in lost.items()}
 
     @property
     def missed(self) -> dict[str, int]:
-        """Number of messages of each topic that were sent before the recorder was connected."""
+        """Numbers of messages that were sent before the recorder was connected, by topic."""
         missed = {each.source.name: each.starts.missed for each in self._subscriptions}
         return {name: number for name, number in missed.items() if number}
 
@@ -171,9 +171,9 @@ class ReceivingThread:
             )
 
     def resume(self) -> int:
-        """End a pause, and record the last message that arrived in it on each latched topic.
+        """End a pause, and record the last message of the pause on each latched topic.
 
-        Return the number of these messages.
+        Return the number of recorded messages.
         """
         if self._buffer.paused:
             gap = self._paused_at, time.time_ns()

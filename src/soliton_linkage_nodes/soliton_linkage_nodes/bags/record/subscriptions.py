@@ -23,7 +23,7 @@ from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription, In
 _DEPTH = 5000
 """Queue depth of a subscription [messages], sufficient for 5 s at 1000 Hz."""
 _STREAM_PERIOD = SECOND
-"""Largest message period of a topic for whose next message `settle` waits [ns]."""
+"""Largest period of the messages on a topic at which `settle` waits for the next message [ns]."""
 
 
 class RecordedSubscription:
@@ -208,7 +208,7 @@ class RecordingBuffer:
     def __init__(
         self, snapshot: float = 0.0, paused: bool = False, most_kept: int = _MOST_KEPT
     ) -> None:
-        """Store the messages of the last `snapshot` [s]. At 0, messages are not stored."""
+        """Store the messages of the last `snapshot` [s]. At 0, `take` returns them at once."""
         self.paused = paused
         self._most_kept = most_kept
         self._window = round(snapshot * SECOND)

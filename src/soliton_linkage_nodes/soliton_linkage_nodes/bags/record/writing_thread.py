@@ -90,7 +90,7 @@ class WritingThread:
             self._changed.notify()
 
     def post(self, action: Callable[[], object]) -> None:
-        """Queue an action, for example a method of `writer`. It runs after all queued messages."""
+        """Queue an action, for example a method of `writer`. It runs after the queued messages."""
         with self._changed:
             self._actions.append(action)
             self._changed.notify()

@@ -96,9 +96,9 @@ class IndexedMcap:
     def messages(
         self, topics: Collection[int], start: int | None, stop: int | None
     ) -> Iterator[Message]:
-        """Yield the messages of the topics with these numbers and receive times in [start, stop).
+        """Yield the messages on topics that were received from `start` until before `stop` [ns].
 
-        `start` and `stop` are in [ns].
+        `topics` contains the numbers of the topics.
         """
         first = 0 if start is None else start
         last = LAST_STAMP if stop is None else stop - 1

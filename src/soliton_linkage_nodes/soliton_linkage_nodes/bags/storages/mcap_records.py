@@ -110,7 +110,7 @@ def topic_of(channel: Channel, schemas: Mapping[int, Schema]) -> StoredTopic:
 
 
 def channel_of(topic: StoredTopic, schema: int) -> Channel:
-    """Return the channel for a topic. `schema` is the number of its schema.
+    """Return the channel for a topic. `schema` is the number of the schema.
 
     The metadata of a CDR channel contains entries for the QoS profiles and the type hash, even if
     these are empty. rosbag2 requires the entries.
@@ -159,7 +159,7 @@ def chunk_record(
 def message_index_record(channel: int, entries: Sequence[int]) -> bytes:
     """Return the index of the messages of a channel in a chunk.
 
-    In `entries`, the stamp [ns] and the offset [B] of each message follow one another.
+    `entries` contains the stamp [ns] and the offset [B] of each message in turn.
     """
     packed = struct.pack(f'<{len(entries)}Q', *entries)
     return record(Opcode.MESSAGE_INDEX, struct.pack('<H', channel), sized(packed))
@@ -301,8 +301,8 @@ def extra_bytes(opcode: int, body: Bytes) -> int:
 class ChunkHead:
     """Head of a chunk record.
 
-    The content of the chunk begins at byte `begin` of the body and has `packed` bytes. Before the
-    compression it had `uncompressed` bytes.
+    The content of the chunk begins at byte `begin` of the body and has `packed` bytes. Before
+    compression, the content had `uncompressed` bytes.
     """
 
     uncompressed: int
@@ -358,7 +358,7 @@ def records_in(data: Bytes) -> Iterator[tuple[int, int, Bytes]]:
 def messages_in(records: Bytes, strict: bool = True) -> Iterator[Message]:
     """Yield the messages in records.
 
-    If a message is too short, raise ValueError if `strict` is set. Otherwise skip the message.
+    A message that is too short raises ValueError if `strict` is set. Otherwise it is skipped.
     """
     for _, opcode, body in records_in(records):
         if opcode == Opcode.MESSAGE and (strict or len(body) >= MESSAGE_HEADER.size):

@@ -59,7 +59,7 @@ class McapWriter:
         return self._end if self._codec else self._end + self._chunk.tell()
 
     def add_topic(self, topic: StoredTopic) -> None:
-        """Add a topic. This must precede the messages of the topic."""
+        """Add a topic. A topic must be added before its messages."""
         key = (topic.type_name, topic.definition_format, topic.definition)
         if any(key) and key not in self._schemas:
             definition = topic.definition.encode(errors='surrogateescape')

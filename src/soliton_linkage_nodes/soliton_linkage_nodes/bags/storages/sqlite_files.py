@@ -103,7 +103,7 @@ class Tables:
             self._restart_time_limit()
 
     def counts(self, table: str, column: str) -> dict[Any, int]:
-        """Return the number of rows with each value of a column, by value."""
+        """Return a mapping from each value in a column to the number of rows with this value."""
         self._check(table, [column])
         query = f'SELECT {column}, count(*) FROM {table} GROUP BY {column}'
         return dict(self._database.execute(query))
@@ -180,9 +180,9 @@ class StoredSqlite:
     def messages(
         self, topics: Collection[int], start: int | None, stop: int | None
     ) -> Iterator[Message]:
-        """Yield the messages of the topics with these numbers and receive times in [start, stop).
+        """Yield the messages on topics that were received from `start` until before `stop` [ns].
 
-        `start` and `stop` are in [ns].
+        `topics` contains the numbers of the topics.
         """
         numbers = list(topics) if len(topics) <= _MOST_SELECTED else []
         bounds = {'timestamp >= ?': start, 'timestamp < ?': stop}

@@ -42,7 +42,7 @@ class Shown(Protocol):
 async def attempt(name: str, action: Action, long: bool = False) -> bool:
     """Carry out an action, show its answer, and return whether the action has succeeded.
 
-    After 2 s the page shows that no answer has arrived yet. It does not do so if `long` is set.
+    Unless `long` is set, the page shows after 2 s that no answer has arrived yet.
     """
     number = next(_numbers)
     show_answer(number, name, long=long)
