@@ -177,7 +177,6 @@ class CameraEncoders(ManagedNode):
             self.diagnostics.fail(str(error))
 
     def _subscribe_to_pictures(self) -> str:
-        """Subscribe to the selected source of pictures, and return its description."""
         if self.settings.pictures_from == 'camera':
             return f'pictures of camera {self.settings.camera}'
         topic, picture_of = interfaces.IMAGE, pictures.picture_from_msg

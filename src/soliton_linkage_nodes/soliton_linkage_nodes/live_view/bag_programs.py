@@ -171,7 +171,6 @@ class BagRecording(_BagProgram):
         return await self._request(self.namespace, name)
 
     async def _await_states(self) -> None:
-        """Wait until the soliton_state of the newest frame has arrived, at most 5 s."""
         chain = self._finder.chains.get(self.namespace)
         newest = chain.newest_frame if chain else 0
         deadline = time.monotonic() + _LONGEST_ANALYSIS

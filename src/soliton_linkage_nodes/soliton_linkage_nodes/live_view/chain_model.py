@@ -100,7 +100,7 @@ class ChainModel:
         return self.numbers.get('state_stamp', self.stamp)
 
     def set_chain(self, named: NamedChain) -> None:
-        """Set the chain and its joint names. A changed chain deletes the history."""
+        """Set the chain and its joint names. If the chain changes, the history is deleted."""
         if named != self.named:
             self.named = named
             self._reset(FrameReader(named.joint_names))
@@ -203,7 +203,7 @@ class ChainModel:
         return {'error': self.error, 'rotors': self.named.rotors, **constants}
 
     def shared(self, title: str) -> str:
-        """Return an HTML page that shows the last minute.
+        """Return an HTML page that shows the last minute of the chain.
 
         Raises ValueError if the chain is unknown or no frame has arrived.
         """

@@ -90,7 +90,7 @@ _DOCUMENTS = Path(__file__).with_name('docs')
 
 
 def add(served: FastAPI, view: View, lesson: bool) -> None:
-    """Add the page to a web application. If `lesson` is set, the page begins with experiments."""
+    """Add the page to a web application. With `lesson`, it begins with guided experiments."""
     plots = _PLOTS.read_text(encoding='utf-8')
 
     @ui.page('/', response_timeout=_BUILD_TIMEOUT)

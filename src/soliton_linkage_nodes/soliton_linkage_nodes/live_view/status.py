@@ -45,7 +45,6 @@ CONTROLS = tuple(_NEEDS)
 
 
 def _reasons(chain: ChainTopics, commands: ChainCommands) -> dict[str, str]:
-    """Return the reason to disable each control of a chain. The reason '' enables the control."""
     if commands.read_only:
         return dict.fromkeys(CONTROLS, READ_ONLY)
     if chain.namespace.startswith(REPLAY):
@@ -68,7 +67,6 @@ def reports_of(finder: ChainFinder, namespace: str) -> list[tuple[float, NodeRep
 
 
 def _health(finder: ChainFinder, chain: ChainTopics) -> dict[str, Any]:
-    """Return the health of a chain: frame rate, fraction of late frames, warnings and others."""
     figures: Mapping[str, str] = {}
     lost: int | None = None
     warnings, paused, replay = [], False, ''

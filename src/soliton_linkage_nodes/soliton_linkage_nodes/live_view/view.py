@@ -44,7 +44,7 @@ class View:
         self.sent = 0
         """Total number of frames sent to all browsers."""
         self.reasons: dict[str, dict[str, str]] = {}
-        """Reason to disable each control, by namespace and control. '' enables the control."""
+        """Reason why each control is disabled, by namespace and control; '' if it is enabled."""
         self._node = node
         self._failures: list[str] = []
         self._packed: dict[tuple[int, int, int], bytes] = {}

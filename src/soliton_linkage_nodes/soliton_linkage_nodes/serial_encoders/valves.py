@@ -92,14 +92,14 @@ class Valves:
         other command follows [s], and torques without the feedback [N m]."""
 
     def hold(self, torques: Array, now: float) -> None:
-        """Set the torques that begin at the time `now` [s]. `torques` [N m] has shape (N,).
+        """Set the torques [N m], shape (N,), that begin at the time `now` [s].
 
         They end after `command_timeout`, unless this method is called again.
         """
         self._torques, self._until = torques, now + self._parameters.command_timeout
 
     def feed_back(self, torques: Array, now: float) -> None:
-        """Set the torques of the feedback from the time `now` [s] on [N m], shape (N,).
+        """Set the feedback torques [N m], shape (N,), that begin at the time `now` [s].
 
         They are added to the torques of the method `hold`. They end after the time that the
         parameter `hold` specifies.

@@ -221,7 +221,6 @@ class Visualisation(GuardedNode):
             drawing.set_chain(named)
 
     def _draw(self) -> None:
-        """Draw the newest messages, except in the pause after a drawing."""
         begin = time.monotonic()
         if begin < self._rest_until:
             return

@@ -116,7 +116,6 @@ class ChainScene:
         return Shape('rotors', ends, np.repeat(colours[known], 2, axis=0), self.width)
 
     def _springs(self, masses: Array, angles: Array) -> Shape:
-        """Return the springs as lines. Extended springs are red, compressed ones blue."""
         extensions = self.chain.spring_extensions(angles)
         known = np.isfinite(extensions)
         largest = float(np.abs(extensions[known]).max(initial=0.0))

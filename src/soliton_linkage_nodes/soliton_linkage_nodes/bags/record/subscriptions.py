@@ -208,7 +208,7 @@ class RecordingBuffer:
     def __init__(
         self, snapshot: float = 0.0, paused: bool = False, most_kept: int = _MOST_KEPT
     ) -> None:
-        """Store the messages of the last `snapshot` [s]. At 0, `take` returns them at once."""
+        """Store messages of the last `snapshot` [s]. At 0, `take` returns each message at once."""
         self.paused = paused
         self._most_kept = most_kept
         self._window = round(snapshot * SECOND)

@@ -96,10 +96,7 @@ class IndexedMcap:
     def messages(
         self, topics: Collection[int], start: int | None, stop: int | None
     ) -> Iterator[Message]:
-        """Yield the messages on topics that were received from `start` until before `stop` [ns].
-
-        `topics` contains the numbers of the topics.
-        """
+        """Yield the messages with these topic numbers and a receive time in [start, stop) [ns]."""
         first = 0 if start is None else start
         last = LAST_STAMP if stop is None else stop - 1
         return (each for each in self._in_order(first, last) if each.topic in topics)

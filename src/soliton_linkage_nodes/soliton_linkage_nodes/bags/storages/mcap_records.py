@@ -176,10 +176,7 @@ def attachment_index_record(body: Bytes, offset: int, length: int) -> bytes:
 
 
 def data_is_intact(data: Bytes, end: int) -> bool:
-    """Return whether the first `end` bytes agree with the checksum that follows them.
-
-    Without a checksum, the result is True.
-    """
+    """Return whether the first `end` bytes agree with the next checksum; True without checksum."""
     begin = end + RECORD_HEADER.size
     checksum = int.from_bytes(data[begin : begin + 4], 'little')
     return not checksum or crc32(data[:end]) == checksum

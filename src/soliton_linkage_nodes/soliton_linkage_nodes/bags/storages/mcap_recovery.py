@@ -23,8 +23,7 @@ from soliton_linkage_nodes.bags.stored_topic import completed
 class _Chunk(NamedTuple):
     """Chunk of a file. Its record begins at `offset`, and the body of the record at `begin` [B].
 
-    `cut` is whether the file ends within the chunk. `rejected` describes an exceeded limit, or is
-    ''.
+    `cut` is whether the file ends within the chunk. `rejected` describes an exceeded limit.
     """
 
     offset: int
@@ -122,10 +121,7 @@ class RecoveredMcap(RecoveredFile):
             self.report_damage('it does not end like an MCAP file')
 
     def _take(self, offset: int) -> int | None:
-        """Process a record, and return the offset of the next record [B].
-
-        Returns None if the record is invalid.
-        """
+        """Process a record. Return the offset of the next record, or None if it is invalid."""
         if len(self._data) - offset < mcap.RECORD_HEADER.size:
             return None
         opcode, size = mcap.RECORD_HEADER.unpack_from(self._data, offset)

@@ -83,10 +83,7 @@ class McapWriter:
             self.flush()
 
     def flush(self) -> None:
-        """Pass pending messages to the operating system.
-
-        They are then not lost if the process is killed.
-        """
+        """Pass pending messages to the operating system, so that a killed process loses none."""
         if not self._entries:
             if self._pending_definitions:
                 self._append(self._pending_definitions)

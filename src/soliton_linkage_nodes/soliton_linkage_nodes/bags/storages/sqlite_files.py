@@ -133,7 +133,6 @@ class Tables:
             yield number, name, kind, text, encoding, digest, profiles, serialization
 
     def _check(self, table: str, columns: Sequence[str]) -> None:
-        """Raise sqlite3.Error if a table lacks a column. Restart the time limit."""
         held = self.columns(table)
         if missing := [name for name in columns if name not in held]:
             raise sqlite3.DatabaseError(f'{table} is not a table with {", ".join(missing)}')
@@ -180,10 +179,7 @@ class StoredSqlite:
     def messages(
         self, topics: Collection[int], start: int | None, stop: int | None
     ) -> Iterator[Message]:
-        """Yield the messages on topics that were received from `start` until before `stop` [ns].
-
-        `topics` contains the numbers of the topics.
-        """
+        """Yield the messages with these topic numbers and a receive time in [start, stop) [ns]."""
         numbers = list(topics) if len(topics) <= _MOST_SELECTED else []
         bounds = {'timestamp >= ?': start, 'timestamp < ?': stop}
         given = {clause: bound for clause, bound in bounds.items() if bound is not None}

@@ -164,7 +164,6 @@ class ChainControls:
         return group.body
 
     async def _set_in_simulator(self, name: str, control: ui.select | ui.slider) -> str:
-        """Set a parameter of the simulator to the value of a control."""
         commands = self._commands
         node = f'{commands.namespace}simulator'
         known = {each.name: each for each in await commands.parameters(node)}
@@ -359,6 +358,6 @@ def joint_angles(text: str) -> dict[str, float]:
 
 
 def reasons_for(view: View, namespace: str) -> dict[str, str]:
-    """Return the reason to disable each control of a chain. The reason '' enables the control."""
+    """Return why each control of a chain is disabled. The text is '' for an enabled control."""
     missing = 'this chain is no longer published' if namespace else 'select one chain'
     return view.reasons.get(namespace) or dict.fromkeys(CONTROLS, missing)
