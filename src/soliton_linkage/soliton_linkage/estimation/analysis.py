@@ -59,7 +59,8 @@ class Analysis(NamedTuple):
     topology: polarisations, winding numbers, charge and zero mode; None for a ring.
     edge_rotors: states of the first and the last rotor.
     energies: kinetic and elastic energies of the chain.
-    wobble: wobble of the rotors beside the wall; None unless the frame shows exactly one wall.
+    wobble: amplitude, decay length and wavelength of the deviations of the rotors beside the wall
+        from the uniform states; None unless the frame shows exactly one wall.
     unseen: number of rotors whose readings are missing or implausible.
     """
 

@@ -1,10 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Constant offsets of encoders, estimated from the residuals of rotors far from the wall.
 
-Far from the wall the residual of a rotor is x = o + side * delta + noise, where o is the offset of
-its encoder and delta the error of its rest angle. The side is +1 for rotors before the wall (from
-rotor 0 to the wall) and -1 for rotors beyond the wall. Therefore o and delta of a rotor can be
-estimated separately only after the wall has passed this rotor.
+The residual of a rotor is its reading minus its angle on the orbit. Far from the wall it is
+assumed to be x = o + side * delta + noise, where o is the offset of the encoder. The side is +1
+for rotors before the wall (from rotor 0 to the wall) and -1 for rotors beyond the wall. Therefore,
+o and delta of a rotor can be estimated separately only after the wall has passed this rotor.
+
+An error of the rest angle causes delta: if the true rest angle of an upright flipper exceeds the
+specified one by D, delta is D for rotors 0, 2, ... and -D for the others. If the flipper is upside
+down, the signs are opposite. In a spinner, an error of the rest angle shifts a rotor equally on
+both sides of the wall, and cannot be separated from o.
 """
 
 from __future__ import annotations
@@ -33,14 +38,16 @@ encoder offset or to estimate the common error of the rest angles [1]."""
 _WAVE_TIME = 10.0
 """Assumed correlation time of waves [time units of the chain]."""
 _LEAST_DISTANCE = 0.01
-"""An encoder is doubtful if the mean residual of its rotor exceeds a multiple of the typical mean
-residual of all rotors by more than this [rad]."""
+"""An encoder is doubtful if the absolute mean residual of its rotor exceeds a limit by more than
+this [rad]. The limit is `OffsetSettings.significance` times a robust standard deviation of the
+mean residuals of all rotors."""
 _CONTRADICTION = 0.3
 """The correction of a rotor near the wall counts as wrong if the corrected residual has the
 opposite sign of the correction and exceeds this fraction of the correction [1]. Margins for noise
 and for the speed of the wall are added to this limit."""
 EDGE_ROTORS = 2.0
-"""Springs may deform a wall whose distance from an edge is below this [rotor spacings]."""
+"""A wall whose distance from an edge is below this may have another shape than on the orbit [rotor
+spacings], because its reflection at the edge extends springs."""
 _STUCK, _MOST_STUCK = 1e-5, 0.2
 """A reading counts as unchanged if it differs from the reading of the same encoder one block
 earlier by at most `_STUCK` [rad]. The chain counts as at rest if more than the share `_MOST_STUCK`
@@ -48,7 +55,10 @@ of the readings is unchanged [1]."""
 
 
 class EncoderOffsets:
-    """Maximum-a-posteriori estimator of encoder offsets and rest angle errors (normal priors)."""
+    """Maximum-a-posteriori estimator of o and delta of each rotor, with normal priors.
+
+    The module docstring defines the offset o of an encoder, and delta.
+    """
 
     def __init__(self, number_of_rotors: int, settings: OffsetSettings = DEFAULTS.offsets) -> None:
         self.settings = settings
@@ -90,7 +100,7 @@ class EncoderOffsets:
         self.values: Array = (of_rest * total - mixed * apart) / determinant
         """Estimated offset of each encoder [rad], shape (N,)."""
         self.rest_angles: Array = (of_offset * apart - mixed * total) / determinant
-        """Estimated error of each rest angle [rad], shape (N,)."""
+        """Estimated delta of each rotor [rad], shape (N,)."""
         self._covariance = of_rest / determinant, -mixed / determinant, of_offset / determinant
         self.deviations: Array = np.sqrt(self._covariance[0] + persistent)
         """Standard deviation of each estimated offset [rad], shape (N,)."""
@@ -110,7 +120,10 @@ class EncoderOffsets:
 
     @property
     def rest_angle_error(self) -> float:
-        """Median of the errors of the rest angles of all rotors [rad]; 0 if insignificant."""
+        """Estimate of D, the common error of the rest angles [rad]; 0 if insignificant.
+
+        The module docstring defines D. If the chain is upside down, the result is -D.
+        """
         signs = np.where(np.arange(len(self.means)) % 2, -1.0, 1.0) * np.array([[1.0], [-1.0]])
         seen = self.weights > 0
         errors = (signs * self.sums)[seen] / self.weights[seen]

@@ -78,8 +78,8 @@ class AnalysedSoliton(NamedTuple):
     velocity: velocity of the centre [m/s], positive towards the last rotor.
     width: measured width w of the profile tanh(x / w) [m]; NaN for a non-uniform chain.
     theory_width: width that continuum theory predicts at this velocity [m].
-    charge: +1 if the rotors before the wall (towards rotor 0) lean right and those beyond it lean
-        left; -1 in the opposite case.
+    charge: +1 if the rotors between rotor 0 and the wall lean towards the last rotor, so that
+        sin(phi) > 0, and the rotors beyond the wall towards rotor 0; -1 in the opposite case.
     position_deviation: standard deviation of the position [m].
     velocity_deviation: standard deviation of the velocity [m/s].
     width_deviation: standard deviation of the width [m].

@@ -2,8 +2,10 @@
 """Compiled loops over the Kalman filters of a `MultipleModelFilter`.
 
 The state of each filter is (s, w, b, d): arc length s along the orbit, its rate w, bias b of the
-measurement, and disturbance d. If the setting `disturbance` is 0, d is the relative rate of change
-of w due to unmodelled damping [1/s]; otherwise d is an acceleration [rad/s^2].
+measurement, and disturbance d. The meaning of d depends on `FilterSettings.disturbance`, the prior
+standard deviation of an unmodelled acceleration. If it is above 0, d is this acceleration
+[rad/s^2]. If it is 0, d describes unmodelled damping, which causes the acceleration d w; d is then
+a rate [1/s].
 
 The steady filter assumes that the rate has no random changes, and that the measurement has no
 bias. Other filters allow random changes and a bias, or assume that an impulse has acted.
@@ -75,7 +77,8 @@ base: number of filters that assume no impulse [1].
 site_arc: arc length per rotor spacing [rad].
 least_impulse: assumed variance of the rate change that an impulse causes in a wall at rest
     [rad^2/s^2].
-bias_decay: decay rate of the bias while the wall is at rest [1/s].
+bias_decay: decay rate of the bias while the wall is at rest [1/s]; while the wall moves, the bias
+    also decays with the distance that the wall has moved.
 variance: variance of the last measurement [rad^2].
 elapsed: time step of the last prediction [s].
 at_edge: 1 if the wall is at an edge, else 0.

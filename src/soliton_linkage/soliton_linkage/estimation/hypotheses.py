@@ -38,9 +38,12 @@ class Hypothesis:
     def update_rate_shift(self, way: float, variance: float) -> None:
         """Shift the arc length after a frame has changed the estimated rate.
 
-        The arc length from each frame is corrected for the motion of unseen rotors, in proportion
-        to the square of the estimated rate. If the estimated rate changes, so does the correction.
-        Without this shift, the filter would interpret that change as motion of the wall.
+        The inertial forces of unseen rotors deform the wall, and are proportional to the square of
+        the rate. `OrbitMeasurementModel` corrects the arc length from each frame for this
+        deformation, with the estimated rate. If the estimated rate changes, so does the
+        correction. Without this shift, the filter would interpret that change as motion of the
+        wall.
+
         `variance` is the variance of the arc length from the latest frame [rad^2], and `way` the
         distance that the wall has moved since the frame before [rotor spacings].
         """

@@ -105,7 +105,9 @@ DENSITY = np.dtype(
 orbit.
 
 variance: variance V of the difference [rad^2].
-spread: variance of the predicted arc length along the orbit [rad^2].
+spread: variance of the predicted arc length along the orbit [rad^2]. It does not affect p(d), but
+    the weights are computed with the variance V + t^2 `spread` instead of V, where t is the
+    component of the rotor in the tangent of the orbit.
 bound: bound k of the normal core of the density [1].
 floor: logarithm of the ratio of the second term of p(d) to the peak of the first term [1].
 gross: smallest difference that counts as a gross error [rad].

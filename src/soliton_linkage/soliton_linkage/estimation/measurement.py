@@ -23,7 +23,8 @@ from soliton_linkage.orbit.orbit import Orbit, OrbitSegment
 NO_FLAGS: Flags = np.zeros(0, dtype=np.bool_)
 """Empty array of flags; it means that no rotor is doubtful."""
 LEAST_INFORMATION = 1e-6
-"""A frame determines the arc length only if its Fisher information is at least this [1]."""
+"""A frame determines the arc length only if `LinearisedMeasurement.information` is at least this
+[1]."""
 LONGEST_STEP = 0.5
 """Largest Gauss-Newton step along the orbit [rad]; it moves a wall by about half a spacing."""
 SAME_SITE = 0.5
@@ -52,7 +53,8 @@ class LinearisedMeasurement(NamedTuple):
     inlying: Array
     """Residuals of inliers near the wall, divided by their scales [rad], (N,); 0 elsewhere."""
     information: float
-    """Fisher information on the arc length if the noise were 1 rad [1]."""
+    """Information I on the arc length [1]: if the standard deviation of a residual is sigma [rad],
+    the standard deviation of `arc` is sigma / sqrt(I) [rad]."""
     full_information: float
     """Value of `information` if all known rotors that are not doubtful had the weight 1 [1]."""
     squares: float
@@ -187,7 +189,7 @@ class FrameLikelihood:
         `differences` between the angles and the orbit [rad], shape (N,), are overwritten by the
         residuals at the likeliest arc length. `tangent` is the derivative of the angles of the
         rotors near the wall, from rotor `first` on. `variance` is the variance of a difference,
-        and `spread` the variance of the predicted arc length [rad^2].
+        and `spread` the variance of the predicted arc length [rad^2] (see `DENSITY`).
         """
         rows, floor = np.empty((2, len(differences))), self.floor(variance)
         self._density[0] = variance, spread, self._settings.bound, floor, self.gross

@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Class of motion of a wall from the angles alone, without the parameters of the chain.
 
-A wall is where the horizontal displacement u = r sin(phi) of the rotor tips changes its sign. Far
-from the wall, the staggered angle theta has the same value theta_left for all rotors on one side
-and theta_right for all rotors on the other: theta_right = -theta_left in a flipper, and
-theta_right = theta_left + pi in a spinner.
+A wall is where the horizontal displacement u = r sin(phi) of the rotor tips changes its sign. The
+staggered angle theta is phi for rotors 0, 2, ... and pi - phi for the others. Far from the wall,
+it has the same value theta_left for all rotors on one side and theta_right for all rotors on the
+other: theta_right = -theta_left in a flipper, and theta_right = theta_left + pi in a spinner.
 
-In a wobbling flipper, rotors beside the wall lean by more than the rest angle. Let a rotor deviate
-by e from the rest angle, and its outer neighbour, the next rotor away from the wall, by e'. Let d
-be the lean ratio of the chain, and F(e) the `next_deviation` of a chain with d = 1. Then
+In a wobbling flipper, rotors beside the wall lean by more than the rest angle theta_bar. Let a
+rotor deviate by e from the rest angle, and its outer neighbour, the next rotor away from the wall,
+by e'. With the rotor length r and the spacing a, the lean ratio is d = 2 r sin(theta_bar) / a. Let
+F(e) be the deviation e' in a chain with d = 1, which `next_deviation` computes. Then
 
     e' = F(e) + lambda e + ...,    lambda = (1 - d) / (1 + d),
 
@@ -55,8 +56,9 @@ _BEND = 0.1
 """Prior standard deviation of the coefficient of e^2 in e' - F(e), multiplied by the rest angle
 [1]."""
 _LEAST_LEVER = 1e-9
-"""A lever of 0 is replaced by this [1], to avoid a division by 0. The lever is 0 if the spring and
-the outer rotor are in line."""
+"""`next_deviation` computes a slope by a division by the derivative of the left side of its
+equation with respect to alpha'. The derivative is 0 if the spring and the outer rotor are in line.
+It is then replaced by this [1]."""
 _LEAST_WEIGHT = 1e-300
 """Weight of a frame without tails in the mean rest angle of all frames [1]; it is not 0, so that
 the mean is defined even if no frame has tails."""
@@ -354,7 +356,10 @@ class MotionObserver:
     def __init__(
         self, settings: MotionSettings = DEFAULTS.motion, deformation: float = 0.0
     ) -> None:
-        """Start without evidence; `deformation` is that of `tail_ratio` [rad]."""
+        """Start without evidence.
+
+        `deformation` is the standard deviation of the angles near a wall due to forces [rad].
+        """
         self._settings, self._deformation = settings, deformation
         self.restart()
 

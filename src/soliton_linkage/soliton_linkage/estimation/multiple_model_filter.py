@@ -2,17 +2,19 @@
 """Multiple-model filter of the motion along the orbit (Blom and Bar-Shalom).
 
 The state of each Kalman filter is (s, w, b, d): arc length s along the orbit [rad], its rate w
-[rad/s], bias b of the measurement [rad] and disturbance d [rad/s^2]. A measurement is z = s + b +
-noise. The correlation of the bias decays to 1/e while the wall moves by half a rotor spacing, or
-in the time tau if the wall is at rest. In a time step dt, the state changes by
+[rad/s], bias b of the measurement [rad] and disturbance d. A measurement is z = s + b + noise. The
+correlation of the bias decays to 1/e while the wall moves by half a rotor spacing, or in the time
+tau if the wall is at rest. Let u be the modelled acceleration. In a time step dt, the changes are
 
-    ds = w dt,   dw = sqrt(q) dB,   b' = a b + noise of variance m^2 (1 - a^2),
+    ds = w dt,   dw = (u + d w) dt + sqrt(q) dB,   b' = a b + noise of variance m^2 (1 - a^2),
 
 with a = exp(-|w| dt / (Lambda / 2) - dt / tau) and q = e^2 (|w|^3 / Lambda + Q). The normal noise
 dB has the variance dt. Lambda is the arc length per rotor spacing, e the random relative change of
 the rate per rotor spacing, and m the standard deviation of the bias. Q is the process noise due to
 waves, which also move a wall at rest. If the rate has a ripple that is periodic in the site, m^2
-is increased to account for it.
+is increased to account for it. The disturbance d is a constant [1/s] here, and describes
+unmodelled damping. At the start, d is 0 in all filters, and uncertain only in the filters with the
+smallest e above 0.
 
 Filters with different e and m are weighted by the likelihood of recent measurements. The steady
 filter has e = m = 0, so that old measurements affect its estimate as much as recent ones. If the
@@ -26,7 +28,8 @@ first of these filters assumes the impulse in the last time step, and the others
 the likelihood ratio of the measurements since the impulse. If this ratio exceeds a limit, all
 filters restart from the state of this filter.
 
-If the settings include a disturbance, and u is the modelled acceleration, the state changes by
+If `FilterSettings.disturbance` is above 0, d is instead an unmodelled acceleration [rad/s^2], and
+the arc length, the rate and d have additional noise. For the steady filter,
 
     ds = w dt + sqrt(3 r) W dB_1,   dw = (u + d) dt + sqrt(3 r) W^2 dB_2,   dd = sqrt(r) W^3 dB_3,
 

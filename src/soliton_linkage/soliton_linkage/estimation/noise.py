@@ -51,9 +51,13 @@ def products_in_time(
 ) -> tuple[float, float, float, float]:
     """Return the sums of p, t^2 p, f and f^2 over the rotors near a wall.
 
-    For a rotor, p = x (4 x' - x'') / 3 and f = t^2 - t^4. Here x, x' and x'' are the residuals of
-    the rotor in the latest, the older and the oldest frame [rad]. t is the component of the rotor
-    in `tangent`, the tangent of the orbit, which contains the rotors from `first` on.
+    For a rotor, p = x (4 x' - x'') / 3 and f = t^2 (1 - t^2). Here x, x' and x'' are the residuals
+    of the rotor in the latest, the older and the oldest frame [rad]. t is the component of the
+    rotor in `tangent`, the tangent of the orbit, which contains the rotors from `first` on.
+
+    The mean of p estimates the mean square of persistent residuals (see `FrameNoise`). The fit of
+    the arc length reduces the mean square residual of a rotor by the factor 1 - t^2. Therefore,
+    the sum of t^2 p divided by the sum of f is a mean square without this reduction.
     """
     total, wall, weights, squared = 0.0, 0.0, 0.0, 0.0
     for n in range(tangent.size):
@@ -138,11 +142,13 @@ class FrameNoise:
         bound = self._noise_bound(total, self._pairs, 1.0)
         significant = self._products > bound > 0
         self.persistent = self._products / self._pairs if significant else 0.0
-        """Mean square of the persistent residuals [rad^2]; 0 if not significant."""
+        """Mean square of the persistent residuals of all rotors near the wall, with equal weights
+        [rad^2]; 0 if not significant."""
         beside = self._wall > self._noise_bound(total, self._squared_weights, 0.25)
         excess = self._wall / self._weights if beside else 0.0
         self.excess = min(excess, LARGEST_EXCESS * self.scatter)
-        """Mean square of the persistent residuals near the wall [rad^2]; 0 if not significant."""
+        """Mean square of the persistent residuals in the centre of the wall [rad^2]; 0 if not
+        significant. In this mean, a rotor has the weight t^2 (see `products_in_time`)."""
         # The recent residuals contain the noise, so that a larger estimate is out of date.
         most_recent = self.scatter * (1 + significance * math.sqrt(2 / max(recent, 1.0)))
         white = min(total - self.persistent, most_recent)
@@ -336,10 +342,11 @@ class ResidualVariance:
     def of_arc(self, view: LinearisedMeasurement) -> float:
         """Return the variance of a measured arc length along the orbit [rad^2].
 
-        If rotors are unseen, persistent residuals cause an error of the arc length. This error is
-        equal in all frames during which the wall moves by one rotor spacing. Its variance is
-        multiplied by the number of these frames, because the filters treat errors of frames as
-        independent.
+        The arc length of a chain is the arc length at the nearest point of the orbit. Therefore,
+        persistent residuals of all rotors together cause no error of it. If rotors are unseen, the
+        residuals of the other rotors do cause an error. This error is equal in all frames during
+        which the wall moves by one rotor spacing. Its variance is multiplied by the number of
+        these frames, because the filters treat errors of frames as independent.
         """
         known = max(view.full_information, view.information)
         unseen, outliers = max(1 / known - 1, 0.0), 1 / view.information - 1 / known

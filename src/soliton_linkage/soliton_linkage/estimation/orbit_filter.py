@@ -48,11 +48,12 @@ _LEAST_PROBABILITY = 0.9
 
 
 def largest_deformation(orbit: Orbit) -> float:
-    """Return an upper bound of the deformation of a resting wall by forces and feedback [rad].
+    """Return an upper bound of the deformation of a resting wall by external torques [rad].
 
-    The bound is the largest torque on a rotor divided by the stiffness I w^2 of the slowest
-    phonon, because this phonon is the softest deformation. I is the moment of inertia of a rotor,
-    and w is the frequency of the phonon.
+    External torques are all torques except the spring torques, for example the torques of motor
+    controllers. The bound is the largest torque on a rotor divided by the stiffness I w^2 of the
+    slowest phonon, because this phonon is the softest deformation. I is the moment of inertia of a
+    rotor, and w is the frequency of the phonon.
     """
     chain, angles = orbit.chain, orbit.configuration(orbit.arc_at(orbit.middle, 0))
     torques = feedback_torques(chain, angles, 0 * angles)
@@ -339,12 +340,14 @@ class OrbitFilter:
         motion.predict(elapsed, at_edge, ratio, acceleration, self.bandwidth, ripple)
 
     def _acceleration(self, arc: float, rate: float, elapsed: float) -> float:
-        """Return the acceleration sum(tau t) / sum(I t^2) along the orbit [rad/s^2].
+        """Return the acceleration sum(tau t) / (c sum(I t^2)) along the orbit [rad/s^2].
 
         tau are all torques except the spring torques, t is the tangent, and I are the moments of
-        inertia. The motion contracts a wall. This multiplies the rates of its rotors and the
-        torques of motors by the first result of `ComplianceCorrection.contraction`. The work of a
-        potential per rotor spacing does not change.
+        inertia. gamma and c are the two results of `ComplianceCorrection.contraction`. The motion
+        contracts a wall by the factor gamma. Therefore, its rotors turn faster by this factor, and
+        adjacent rotors differ more. To account for this, the rates in friction torques and the
+        torques of motors are multiplied by gamma. The torques of potentials are not multiplied,
+        because their work per rotor spacing does not depend on the width of the wall.
         """
         chain, (passive, active) = self.orbit.chain, self._forces
         if not (len(passive.kinds) or len(active.kinds) or chain.feedback.acts):

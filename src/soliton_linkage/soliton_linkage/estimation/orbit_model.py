@@ -47,7 +47,10 @@ class OrbitMeasurementModel:
         elastic: float,
         settings: EstimationSettings,
     ) -> None:
-        """Start without encoder offsets; `elastic` is the `strong` of `FarFieldResiduals`."""
+        """Start without encoder offsets.
+
+        `elastic` is the variance of a residual due to the deformation of walls by springs [rad^2].
+        """
         chain = orbit.chain
         self._orbit, self._likelihood = orbit, likelihood
         self._comparison = OrbitComparison(orbit)
@@ -221,8 +224,8 @@ odd rotors differ."""
 _SLOW = 0.25
 """A wall is slow if it passes at most this many rotors per period of the slowest phonon [1]."""
 _SECOND_ORDER = 0.5
-"""Square root of the measured relative error of the rate change that `rate_ratio` predicts for a
-wall at the limit `_SLOW` [1]."""
+"""The rate change that `rate_ratio` predicts has a relative error of (`_SECOND_ORDER` x)^2. Here x
+is the speed of the wall divided by the limit `_SLOW` [1]. The error was measured at x = 1."""
 
 _RADIATION = 0.2
 """Relative bandwidth of the resonance of a fast wall with the slowest phonon, due to radiation
@@ -239,7 +242,10 @@ class ComplianceCorrection:
     """
 
     def __init__(self, orbit: Orbit) -> None:
-        """Sample the compliance for walls in the middle of a chain without deviations."""
+        """Sample the compliance for walls in the middle of the chain.
+
+        The samples neglect that single rotors and springs deviate from the nominal parameters.
+        """
         self._orbit = even = orbit
         chain = replace(orbit.chain, deviations=NO_DEVIATIONS)
         if orbit.chain != chain:

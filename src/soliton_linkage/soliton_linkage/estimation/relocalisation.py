@@ -60,10 +60,11 @@ class Candidate(NamedTuple):
     """Local maximum of the likelihood of a frame along the orbit."""
 
     arc: float
+    """Arc length at the maximum [rad], from 0 to the length of the orbit."""
     upside_down: bool
     """Whether the chain is upside down, so that pi - phi is compared with the orbit."""
     view: LinearisedMeasurement
-    """Measurement of the frame, linearised at `arc`."""
+    """Measurement of the frame, linearised at the maximum."""
     variance: float
     """Variance of a residual that was assumed for `view` [rad^2]."""
     evidence: float

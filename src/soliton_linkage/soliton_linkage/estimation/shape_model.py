@@ -229,15 +229,17 @@ class ShapeMeasurementModel:
 
 _CLEAR = 9
 """A ring is cut open far from all walls. To find the cut, sections of this number of bonds are
-compared [1]. The cut is in the middle of the section with the largest minimum of the absolute
-polarisation."""
+compared [1]. The absolute polarisation of a bond (see `polarised_bonds`) is 1 in a uniform state
+and small in a wall. The cut is in the middle of the section whose smallest absolute polarisation
+is largest."""
 
 
 def domain_borders(polarised: Array, least: float) -> list[tuple[float, int]]:
     """Return sites [rotor spacings] and charges of the borders between domains.
 
-    `polarised` contains the polarisation of each bond. A domain between two others has at least
-    `least` bonds.
+    A domain is a range of bonds in which all rotors lean in the same direction. `polarised`
+    contains the polarisation of each bond (see `polarised_bonds`). A domain between two others has
+    at least `least` bonds.
     """
     scores = np.ascontiguousarray(polarised, dtype=np.float64)
     right = np.empty(len(scores), dtype=np.bool_)
