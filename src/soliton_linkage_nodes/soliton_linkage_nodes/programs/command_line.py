@@ -140,7 +140,11 @@ def add_output(parser: argparse.ArgumentParser, default: str, description: str) 
 
 
 def add_fields(parser: argparse.ArgumentParser, defaults: Any, metavar: str) -> None:
-    """Add an option for each `quantity` of `defaults`; a tuple field takes several values."""
+    """Add an option for each field of `defaults` that is defined by `quantity`.
+
+    `defaults` is an instance of a dataclass and contains the default values. The option of a field
+    with a tuple takes several values. `metavar` represents a value in the help text.
+    """
     for name, described in described_fields(defaults).items():
         option, default = f'--{name.replace("_", "-")}', getattr(defaults, name)
         kind = int if isinstance(default, int) else float

@@ -44,11 +44,11 @@ from soliton_linkage_studies.settings import load_settings
 _RATE = 250.0
 """Frame rate of a recording [Hz]. During 6 s, 1500 frames of a wall are recorded."""
 _SECONDS = 6.0
-"""Duration of a recording [s]."""
+"""Duration of a recording after the nudge [s]."""
 _WAY = 0.8
-"""A recording lasts this fraction of the duration of the same passage in the simulated study [1].
-Both durations are counted in time units of the chain. The wall therefore does not reach the far
-edge."""
+"""Duration of a recording divided by `ContractionStudy.duration` [1]. That is the time for which
+the study without nodes simulates the same wall. Both durations are counted in time units of the
+chain. During a recording, every wall of the study passes the middle of its chain."""
 _POLL_INTERVAL = 0.1
 """Poll interval while waiting for the end of the program nudge [s]."""
 _UNLIMITED = 1e6
@@ -61,9 +61,10 @@ def record(
 ) -> Path:
     """Record a bag with one moving wall and return its path; RuntimeError if a node fails.
 
-    The chain is `study.walls[walls].chain`, and the speed of the kick is
-    `study.walls[walls].kicks[kick]`. The stiffness of the chain is changed so that the wall passes
-    the middle of the chain within 6 s.
+    The chain is `study.walls[walls].chain`. The speed of the nudge along the zero mode is
+    `study.walls[walls].kicks[kick]` times (a / r) sqrt(k_e / M) [rad/s], with the rotor spacing a,
+    rotor length r, mass M and stiffness k_e. The stiffness of the chain is changed so that the
+    recorded part of the motion lasts 6 s.
     """
     chain, speed = study.walls[walls].chain, study.walls[walls].kicks[kick]
     unit = _SECONDS / (_WAY * study.duration(walls, kick))

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Simulate a rig for serial_encoders: a chain, and a microcontroller with encoders and valves.
 
-The program opens a pseudo-terminal and prints its path, which serial_encoders uses as its serial
-port. Until Ctrl-C, the simulated controller sends the angles of the rotors, and applies the
-torques that it receives. At the start the chain is at rest and leans left.
+The pressure of a valve exerts a torque on its rotor. The program opens a pseudo-terminal and
+prints its path, which serial_encoders uses as its serial port. Until Ctrl-C, the simulated
+controller sends the angles of the rotors, and applies the torques and pressures that it receives.
+At the start the chain is at rest and leans left.
 """
 
 from __future__ import annotations
@@ -50,6 +51,7 @@ class PseudoTerminal:
     """Pseudo-terminal whose other end a client can open as a serial port."""
 
     def __init__(self, link: Path | None = None) -> None:
+        """Open a pseudo-terminal; `link` is the path of a symbolic link to the client's end."""
         self._here, self._there = pty.openpty()
         tty.setraw(self._there)
         os.set_blocking(self._here, False)
@@ -60,7 +62,7 @@ class PseudoTerminal:
 
     @property
     def path(self) -> str:
-        """Path that a client opens as a serial port."""
+        """Path that a client opens as a serial port: `link`, or the device without a link."""
         return str(self._link or os.ttyname(self._there))
 
     def read(self) -> bytes:
@@ -76,7 +78,7 @@ class PseudoTerminal:
             os.write(self._here, data)
 
     def close(self) -> None:
-        """Close both ends and remove the symbolic link."""
+        """Close both ends and remove the symbolic link, if any."""
         if self._link is not None:
             self._link.unlink(missing_ok=True)
         os.close(self._here)
@@ -93,7 +95,11 @@ class RealTimeChain:
         terminal: PseudoTerminal,
         rate: float,
     ) -> None:
-        """Start with the chain at rest and without feedback. Frames follow at `rate` [Hz]."""
+        """Start with the chain at rest; `rate` is the frame rate [Hz].
+
+        The feedback gains of the chain are ignored, because this controller applies only received
+        commands.
+        """
         chain = replace(named.chain, feedback=NO_FEEDBACK)
         world = World(chain, named.joint_names, WorldParameters(tolerance=_TOLERANCE), 1 / rate)
         self._simulation = world.begin(world.initial_state(), NO_GRAVITY)

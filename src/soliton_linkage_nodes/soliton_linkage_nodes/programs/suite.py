@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Run several nodes of the suite in one process, which saves memory and processor time.
 
-Each node keeps its name, topics, services, parameters and diagnostics. Ctrl-C stops all nodes and
-closes the bag. By default, all nodes of one chain run. With -p port:=/dev/ttyACM0, serial_encoders
-replaces the simulator. If another program publishes joint_states, list the nodes that shall run.
-For several chains, list the nodes with their namespaces, for example left/soliton_analyser.
+Each node keeps its name, topics, services, parameters and diagnostics. bag_recorder writes a bag.
+Ctrl-C stops all nodes and closes the bag. By default, all nodes of one chain run. With
+-p port:=/dev/ttyACM0, serial_encoders replaces the simulator. If another program publishes
+joint_states, list the nodes that shall run. For several chains, list the nodes with their
+namespaces, for example left/soliton_analyser.
 """
 
 from __future__ import annotations

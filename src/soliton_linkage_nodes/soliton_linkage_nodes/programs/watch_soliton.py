@@ -40,8 +40,8 @@ from soliton_linkage_nodes.start import INTERRUPTED
 
 LEGEND = '/ leans right, \\ leans left, | is upright, ? is missing, O is a soliton'
 _UPRIGHT = 1 / 3
-"""Rotors are drawn upright if the sine of their angle is below this fraction of its value in the
-uniform state [1]."""
+"""A rotor is drawn upright if |sin(angle) / sin(rest angle)| is below this [1]. If a mark shows
+several rotors, the absolute value of their mean ratio counts."""
 _DEPTH = 10
 """Queue depth of joint_states [messages]. It exceeds 1 because a frame may consist of several
 messages."""
@@ -92,7 +92,8 @@ class ChainLine:
     def show(self, solitons: Sequence[float], remark: str) -> None:
         """Draw the chain, its solitons at given sites [rotor spacings] and a remark.
 
-        The method returns without effect if the last drawing was too recent.
+        The method does nothing if the last drawing was made less than 0.1 s ago, or less than 2 s
+        ago if stderr is not a terminal.
         """
         if not self._line.due:
             return
@@ -126,7 +127,7 @@ class ChainLine:
             self._line.note(f'rejected chain: {error}')
 
     def use(self, named: NamedChain) -> None:
-        """Set the chain to draw; ValueError if the given joint names do not fit the chain."""
+        """Set the chain to draw; ValueError if `joint_names` of the constructor do not fit it."""
         named = with_joints(named, self._joint_names)
         self._chain = (named, FrameReader(named.joint_names, named.encoder_offsets))
         self._frames.set_joints(named.joint_names)

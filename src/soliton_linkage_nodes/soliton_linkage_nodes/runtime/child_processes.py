@@ -147,9 +147,10 @@ def private_domain() -> Iterator[None]:
 def restrict_to_loopback() -> None:
     """Make this process and its children unreachable from other machines.
 
-    Fast DDS gets a profile instead of the discovery range LOCALHOST. With LOCALHOST, Fast DDS
-    would open sockets on all interfaces. If a node were killed, its shared memory could then block
-    all nodes.
+    Fast DDS gets a profile, with which it uses only UDP on 127.0.0.1. With the discovery range
+    LOCALHOST instead, Fast DDS would open sockets on all interfaces. It would also use shared
+    memory, and the shared memory of a killed node could block all other nodes. Other middleware
+    gets the discovery range LOCALHOST.
     """
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     try:

@@ -81,7 +81,7 @@ class Increments:
     def take(self, *counts: float) -> list[Any]:
         """Return the time [s], and the increase of each counter, since the previous call.
 
-        Before the first call, all counters are 0.
+        The first call returns the time since the construction [s], and the counters themselves.
         """
         before, self._before = self._before, (time.monotonic(), *counts)
         pairs = zip_longest(self._before, before, fillvalue=0)

@@ -89,7 +89,10 @@ class ManagedNode(GuardedNode, LifecycleNode):
         """Close what `configure` has opened, except topics, timers and services."""
 
     def follow_parameters(self) -> None:
-        """Apply parameters that have changed while the node is configured."""
+        """Apply changed parameters.
+
+        The node calls this method after each change while its state is inactive or active.
+        """
 
     def while_active(self, take: Callable[[Any], None]) -> Callable[[Any], None]:
         """Return a callback that passes messages to `take` only while the node is active."""

@@ -19,7 +19,8 @@ _MEMORY = 20
 """The period of a publisher is averaged over about this many messages [1]."""
 _GAP_RATIO = 3.0
 """A message probably does not come from a publisher if the time since the publisher's last message
-differs from the expected time by more than this factor [1]."""
+differs from the expected time by more than this factor [1]. The expected time is the mean period
+of the publisher times the increase of the sequence number."""
 _NANOSECOND = 1e-9
 """One nanosecond [s]."""
 _OFFSET_WINDOW = 10.0
@@ -60,8 +61,8 @@ class SequenceGaps:
 class _Newcomer:
     """Sequence number and source time [ns] of the first received message of a publisher.
 
-    `elapsed` is the time from the subscription to this message, and `period` the time between
-    messages of the publisher [ns].
+    `elapsed` is the time from the start of the recorder to the arrival of this message [ns].
+    `period` is the mean time between messages of the publisher [ns], infinite while unknown.
     """
 
     number: int
@@ -71,16 +72,20 @@ class _Newcomer:
 
 
 class MissedStarts:
-    """Counter of the messages that new publishers sent before their first received message."""
+    """Counter of the messages that new publishers sent before their first received message.
+
+    A recorder uses it, because a recording should contain all messages since its start.
+    """
 
     def __init__(self) -> None:
         self._newcomers: list[_Newcomer] = []
 
     @property
     def missed(self) -> int:
-        """Number of messages sent after the subscription but before the first received one.
+        """Number of messages sent after the recorder started and before the first received one.
 
-        Publishers that probably sent some messages before the subscription do not count.
+        Publishers that probably sent some messages before the start do not count. Publishers with
+        an unknown period do not count either.
         """
         before = ((each.number - 1, each) for each in self._newcomers)
         return sum(count for count, each in before if count * each.period <= each.elapsed)
@@ -88,15 +93,18 @@ class MissedStarts:
     def add(self, number: int, sent: int, elapsed: int) -> None:
         """Record the first received message of a publisher.
 
-        `sent` is its source time, and `elapsed` the time since the subscription [ns].
+        `sent` is its source time [ns]. `elapsed` is the time from the start of the recorder to
+        the arrival of the message [ns].
         """
         if number > 1:
             self._newcomers.append(_Newcomer(number, sent, elapsed))
 
     def take(self, number: int, sent: int) -> None:
-        """Estimate the message periods of new publishers from a later message.
+        """Use a later message to estimate the message period of its publisher.
 
-        `number` is its sequence number, and `sent` its source time [ns].
+        `number` is the sequence number of the message, and `sent` its source time [ns]. Messages
+        do not name their publisher. The message is therefore used for each new publisher whose
+        first received number is lower by 1 to 20.
         """
         for each in self._newcomers:
             if each.number < number <= each.number + _MEMORY:
@@ -132,9 +140,12 @@ class _Publisher:
         return missing
 
     def time_mismatch(self, number: int, sent: int) -> float:
-        """Return |log(time since the last message / expected time)|.
+        """Return |log(t / t0)| for a message that may come from this publisher.
 
-        The result is infinite if the message is not newer than the last one.
+        t is the time since the last message of the publisher. The expected time t0 is `period`
+        times the increase of the sequence number. The result is infinite if the number does not
+        increase. If `period` is unknown, or t or t0 is not positive, the result is 0 for the next
+        number, and log(3) for a later one.
         """
         count, took = number - self.number, sent - self.sent
         if count <= 0:
@@ -227,9 +238,10 @@ class PublisherArbitration:
 
 @dataclass
 class _Share:
-    """Publishers that send the same parts of a stream, such as the same joints.
+    """Group of publishers that send the same parts of a stream, such as the same joints.
 
-    `taken_at` is the time when their last kept message arrived [s].
+    `parts` are the names of all parts in their kept messages. `taken_at` is the time when the last
+    kept message arrived [s].
     """
 
     arbitration: PublisherArbitration
@@ -238,12 +250,16 @@ class _Share:
 
 
 _ABSENCE = 5.0
-"""When a message with new parts arrives, publishers whose own parts have not arrived for this time
-[s] are discarded."""
+"""Time limit for groups of publishers [s]. When a message has no part in common with any group,
+groups without a kept message for this time are discarded, so that a new group can begin."""
 
 
 class StreamArbitration:
-    """Publisher arbitration for a stream whose joints or other parts have different publishers."""
+    """Filter for a stream whose parts, such as joints, may come from different publishers.
+
+    Publishers that send the same parts form a group. From each group, the filter keeps only the
+    messages of one publisher, as `PublisherArbitration` does.
+    """
 
     def __init__(self, counts: Counts) -> None:
         self.counts = counts
@@ -260,7 +276,8 @@ class StreamArbitration:
         """Return whether to keep a message with a sequence number and a source time `sent` [ns].
 
         `publishers()` returns the number of publishers of the topic. `parts()` returns the names
-        of the parts in this message, such as joint names.
+        of the parts in this message, such as joint names. If `parts` is None, all publishers are
+        one group.
         """
         first = self._shares[0]
         if parts is None:
@@ -295,10 +312,12 @@ class StreamArbitration:
 class Lag:
     """Monitor of the lag behind a publisher.
 
-    The lag is the delay of the newest message minus the smallest delay in the last 10 to 20 s.
+    The lag is the delay of the newest message minus the smallest delay in the last 10 to 20 s. The
+    delay of a message is the time from its source time to its arrival.
     """
 
     def __init__(self, longest: float) -> None:
+        """Set the limit `longest` of the lag [s]; at 0, no lag is too long."""
         self._longest = longest or math.inf
         self._least: list[int] = []
         self._since = 0.0
@@ -307,8 +326,8 @@ class Lag:
     def too_long(self, sent: int) -> bool:
         """Add a message with source time `sent` [ns]; return whether the lag is too long.
 
-        The lag is too long if it has been at least `longest` for longer than the time `longest`
-        [s].
+        The argument `longest` of the constructor is both a limit and a duration. With 0.5 s, the
+        lag is too long if it has stayed at or above 0.5 s for more than 0.5 s.
         """
         now = time.monotonic()
         apart = time.time_ns() - sent

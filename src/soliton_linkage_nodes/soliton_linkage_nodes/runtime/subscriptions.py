@@ -21,7 +21,7 @@ from soliton_linkage_nodes.runtime.interfaces import Topic
 from soliton_linkage_nodes.runtime.sequences import Counts, Lag, SequenceGaps, StreamArbitration
 
 LONGEST_LAG = 0.5
-"""Default lag above which a node skips waiting messages [s]."""
+"""Default of the limit `longest_lag` of a `StreamSubscription` [s]."""
 _POLL_PERIOD = 0.5
 """Time between two checks for new publishers [s]."""
 _NAMELESS = '_NODE_NAME_UNKNOWN_'
@@ -80,14 +80,14 @@ class AdaptiveSubscription:
 
     @property
     def as_requested(self) -> bool:
-        """Whether reliability and durability are those of `topic`, without an adaptation."""
+        """Whether reliability and durability agree with `topic`, without an adaptation."""
         return _same_offer(self.qos, self.topic.qos)
 
     @property
     def changed(self) -> bool:
-        """Whether publishers have come or gone since the last query.
+        """Whether publishers have appeared or disappeared since this property was last read.
 
-        Only subscriptions of a GuardedNode can detect this.
+        Only subscriptions of a GuardedNode detect this. For other nodes, the value is False.
         """
         changed = False
         for event in self._events:
@@ -105,7 +105,11 @@ class AdaptiveSubscription:
                 yield taken
 
     def newest(self) -> Any:
-        """Take the oldest waiting message, or None. At queue depth 1, it is the newest message."""
+        """Take one waiting message and return it, or return None if no message waits.
+
+        It is the oldest one in the queue. At queue depth 1, the queue contains only the newest
+        message.
+        """
         message, info = next(self.waiting(), (None, None))
         if info is not None:
             self.sequence = info['publication_sequence_number']
@@ -212,9 +216,9 @@ class StreamSubscription:
 
     Publishers that send different parts of the stream, such as different joints, are all used. If
     several publishers send the same parts, the first one is used until it becomes silent.
-    Diagnostics state the number of publishers and of lost messages. If the node lags behind a
-    publisher by at least `longest_lag` for longer than `longest_lag` [s], it skips all waiting
-    messages except the newest.
+    Diagnostics state the number of publishers and of lost messages. `longest_lag` [s] is both a
+    limit and a duration. With 0.5 s, the node skips all waiting messages except the newest if the
+    lag behind a publisher has stayed at or above 0.5 s for more than 0.5 s.
     """
 
     def __init__(
@@ -273,7 +277,7 @@ class StreamSubscription:
             self._node.dispatch(self._adaptive.subscription, dispatched)
 
     def take_waiting(self) -> list[Any]:
-        """Take all waiting messages, and return those of the selected publishers, oldest first."""
+        """Take all waiting messages; return the ones of selected publishers, oldest first."""
         kept = [each for each, info in self._adaptive.waiting() if self._keeps(each, info)]
         return [whole for each in kept for whole in self._assemble(each)]
 

@@ -169,7 +169,12 @@ class Experiment:
             _print('The soliton starts by itself.')
 
     def _watch(self) -> None:
-        """Show the soliton until it has returned or, if `end` is 'time', until the time limit."""
+        """Show the soliton until the experiment ends.
+
+        If the parameter `end` is 'time', the experiment ends after the time `time_limit`. If `end`
+        is 'return', the experiment ends when the soliton has crossed the chain and has returned to
+        rotor 0. If this takes longer than `time_limit`, the method raises RuntimeError.
+        """
         settings = self._settings
         timed = settings.end == 'time'
         if settings.nudge or settings.burst_cycles:

@@ -194,7 +194,11 @@ class FilmedExperiment:
 
 
 def describe_errors(errors: PositionErrors, spread: float) -> str:
-    """Describe the result; `spread` is the relative standard deviation of the lengths [1]."""
+    """Describe the result in a text of several sentences.
+
+    `spread` is the standard deviation of the true lengths from their design values, divided by the
+    design values [1].
+    """
     hidden = (
         f'{errors.hidden:.1%} of the rotors were hidden, which alone causes an error of '
         f'{errors.by_hidden:.2g}.'

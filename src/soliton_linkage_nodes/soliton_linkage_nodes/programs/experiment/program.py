@@ -200,7 +200,10 @@ def _suggestions(configuration: Path) -> list[str]:
 
 
 def other_scenarios(configuration: Path) -> list[Path]:
-    """Return the other parameter files in the folder whose name is also their `scenario`."""
+    """Return the parameter files of other scenarios in the folder of `configuration`.
+
+    In such a file, the parameter `scenario` is the name of the file without the suffix .yaml.
+    """
     return [
         path
         for path in sorted(configuration.parent.glob('*.yaml'))

@@ -41,7 +41,8 @@ class RecordedRun:
     recording: Recording
     track: Track
     solitons: tuple[list[float], ...]
-    """Result of `soliton_numbers` for the solitons at each time of `track`."""
+    """For each time of `track`, a list with three numbers per soliton: position [rotor spacings],
+    standard deviation of the position [m], and charge."""
     crossings: tuple[Crossing, ...]
     states: Mapping[int, tuple[float, ...]]
     """Site coordinates [rotor spacings] of the solitons in each live state. The keys are stamps
@@ -153,7 +154,11 @@ def _rate(received: list[int]) -> float:
 def _walls(
     states: list[SolitonState], first: int, nudged: float
 ) -> tuple[Array, list[tuple[AnalysedSoliton, ...]]]:
-    """Return the times of the drawn states relative to the nudge [s], and their walls."""
+    """Return the times of soliton states after the nudge [s], and the solitons in each state.
+
+    States earlier than 0.5 s before the nudge are omitted. `first` is the stamp of the first frame
+    [ns], and `nudged` is the time from this stamp to the nudge [s].
+    """
     stamps = [time_from_msg(state.header.stamp) - first for state in states]
     times = np.array(stamps, dtype=np.float64) * 1e-9 - nudged
     kept = np.flatnonzero(times >= -_BEFORE_NUDGE)
