@@ -2,8 +2,8 @@
 """Least-squares estimate of the lengths and encoder offsets with which all bonds close.
 
 The misclosure of a bond is the distance between the ends of its two rotors minus its rest length.
-The bond closes if the misclosure is 0. A wall cannot pass a bond whose lengths violate one of two
-limits (see `_room`).
+The bond closes if the misclosure is 0. A bond whose lengths violate one of two limits (see
+`_room`) may stop a domain wall. A moving wall is a soliton.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ linearisation of the misclosures causes errors of this size."""
 _CONVERGED = 0.05
 """The iteration has converged if the Mahalanobis length of a step is smaller than this [1]."""
 _TOLERANCE_CHANGE = 0.05
-"""The iteration continues while a step changes a prior standard deviation by more than this
-fraction [1]."""
+"""After each step, the prior standard deviations (see `Tolerances`) are estimated again. The
+iteration continues while one of them changes by more than this fraction [1]."""
 
 
 @dataclass(frozen=True)
@@ -189,7 +189,7 @@ _ROUNDS = 5
 
 
 def passable(lengths: Lengths, covariance: Array) -> Lengths:
-    """Return the most likely lengths with which no bond stops a wall (see `solitons.passage`).
+    """Return the most likely lengths with which no bond may stop a wall (see `solitons.passage`).
 
     The correction of the unknowns p is dp = C G^T (G C G^T)^-1 s, with their covariance C, (P, P).
     For each bond that violates a limit, s contains the necessary change of the distance that
@@ -224,12 +224,16 @@ def _deviations(slopes: Array, covariance: Array) -> Array:
 
 
 def _room(lengths: Lengths) -> tuple[Array, Array]:
-    """Return the distances of K bonds from two limits [m], (2 K,), and derivatives, (2 K, P).
+    """Return the distances of all K = N - 1 bonds from two limits [m], (2 K,), and derivatives.
+
+    The first K elements are distances from the first limit, and the last K from the second one.
+    The derivatives by the P unknowns are (2 K, P). A negative distance means that the bond
+    violates the limit.
 
     For a bond with the rest length l, the spacing a and the rotor lengths r_n and r_(n+1), the
-    distances are l - a - |r_n - r_(n+1)| and a + l - r_n - r_(n+1). If the second distance is
-    negative for most bonds, as in spinners, its sign is reversed for all bonds. A negative
-    distance means that the bond violates the limit.
+    first distance is l - a - |r_n - r_(n+1)|. The second one is the absolute value of
+    s = a + l - r_n - r_(n+1), with a negative sign if s has another sign than on most bonds:
+    s is positive in flippers and negative in spinners, in which the rotors turn fully.
     """
     r, a, rest = lengths.rotor_lengths, lengths.spacings, lengths.rest_lengths
     left, right = r[:-1], r[1:]

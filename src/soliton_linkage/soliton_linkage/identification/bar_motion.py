@@ -43,7 +43,8 @@ from soliton_linkage.orbit.deviating_orbit import orbit_of
 from soliton_linkage.orbit.orbit import Orbit
 
 _GRID = 0.03
-"""Step of the arc length in `_OrbitTable` [rad]; at 0.5x, the estimated masses change by 1e-4."""
+"""Step of the arc length in `_OrbitTable` [rad]. With half this step, the estimated masses change
+by 1e-4 of their values."""
 _SLIDING = 0.1
 """Rate w above which dry friction is nearly constant [rad/s]; rotors in walls turn faster."""
 _ROUNDS = 2
@@ -114,10 +115,12 @@ def move_along(
     begin: Array,
     arcs: Array,
 ) -> None:
-    """Compute the arc lengths of K motions along an orbit at T `times` [rad].
+    """Compute the arc lengths [rad] of K motions along one orbit at T `times` [s].
 
-    The results are stored in `arcs`, (T, K). `begin`, (2, K), contains the initial arc lengths and
-    speeds u. `drags`, (2, K), contains damping and dry friction.
+    The motions differ in the unknowns (masses, drag, gravity, initial state), so that numerical
+    derivatives can be computed. The results are stored in `arcs`, (T, K). `begin`, (2, K),
+    contains the initial arc lengths and speeds u. `drags`, (2, K), contains damping and dry
+    friction.
 
     At G arc lengths, `roots`, (G, K), contains sqrt(I); `gravity`, (G, K), contains sum_n m_n r_n
     g sin(phi_n + tilt) t_n; and `friction`, (G,), contains sum_n |t_n|. `grid` contains the first

@@ -159,7 +159,7 @@ class Bundle:
         ]
         self.angles = np.array(interpolated) - lengths.offsets[:, None]
         self.normal: NormalEquations
-        """Normal equations at the estimated angles; only results of `closed` have them."""
+        """Result of `normal_equations`, stored by `closed`; other bundles lack this attribute."""
 
     def closed(self, lengths: Lengths) -> Bundle:
         """Return a bundle with other lengths, and with angles corrected until all bonds close."""
@@ -177,7 +177,7 @@ class Bundle:
         return float(np.sum(self._weights.sum(axis=0) - self._weights.max(axis=0)))
 
     def normal_equations(self) -> NormalEquations:
-        """Return the normal equations of all frames."""
+        """Return the normal equations of all frames, linearised at the estimated angles."""
         size = UNKNOWNS_PER_ROTOR * self.lengths.rotors - 2
         matrix, vector = np.zeros((size, size)), np.zeros(size)
         squares = np.zeros(self.lengths.rotors - 1)

@@ -118,7 +118,12 @@ def length_warnings(chain: Chain) -> list[str]:
 
 
 def obstacle_warnings(chain: Chain, lengths: Lengths, covariance: Array) -> list[str]:
-    """Return warnings about bonds that may stop walls, and about bonds near this limit."""
+    """Return warnings about bonds that may stop walls, and about bonds near one of two limits.
+
+    A bond may stop walls if its lengths in `chain` violate a limit (see `solitons.passage`). A
+    bond is near a limit if its `lengths` violate none, but are closer to one than three standard
+    deviations, computed from `covariance`.
+    """
     warnings = [
         f'bond {each.bond} may stop a soliton: its spring of {each.rest_length:.4g} m '
         f'{each.reason}'

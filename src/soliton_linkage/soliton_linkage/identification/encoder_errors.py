@@ -3,12 +3,12 @@
 
 A fit assumes that a reading is y = o + phi. An encoder error of size g adds g s to the reading,
 where the shape s is a function of time that depends on the kind of error. For the gain, s is the
-angle phi. For play of the coupling, s is the lag of the encoder behind the rotor. A slip while the
-rotor turns has nearly the same shape as play. Nonlinearity, for example of an encoder disc that is
-not centred on the axis, is described by sin(phi), cos(phi), sin(2 phi) and cos(2 phi), together
-with the gain. If the normal equations of the unknowns p are A dp + B g = b, and the normal
-equations of the errors are B^T dp + D g = c, then the estimated errors g and their information S
-are
+angle phi. For play of the coupling, g is half of the play; s is -1 while the rotor turns forwards,
+because the encoder then lags behind, and 1 while it turns backwards. A slip while the rotor turns
+has nearly the same shape as play. Nonlinearity, for example of an encoder disc that is not centred
+on the axis, is described by sin(phi), cos(phi), sin(2 phi) and cos(2 phi), together with the gain.
+If the normal equations of the unknowns p are A dp + B g = b, and the normal equations of the
+errors are B^T dp + D g = c, then the estimated errors g and their information S are
 
     S = D - B^T A^-1 B,    g = S^-1 (c - B^T A^-1 b).
 
@@ -51,8 +51,8 @@ _SMALLEST_ERROR = 0.02
 """Smallest relative error of a gain [1], and smallest play [rad], that are reported. A gain error
 of this size changes lengths by about 1 %."""
 _HALF_PLAY = 0.05
-"""Half of the play that `error_shapes` assumes to compute the lag [rad]. With this value, half
-plays of 0.05 rad were estimated as 0.05 rad, and half plays of 0.1 rad as 0.07 to 0.11 rad."""
+"""Half of the play that `error_shapes` assumes [rad]. With this value, half plays of 0.05 rad were
+estimated as 0.05 rad, and half plays of 0.1 rad as 0.07 to 0.11 rad."""
 _LARGEST_NONLINEARITY = 0.3
 """Prior standard deviation of the amplitudes of a nonlinearity [rad]. It matters only for rotors
 that turn little, whose amplitudes are not observable."""
@@ -61,9 +61,10 @@ that turn little, whose amplitudes are not observable."""
 def error_shapes(angles: Array) -> Array:
     """Return the shapes of gain, play and nonlinearity, (6, T, N), for angles [rad], (T, N).
 
-    An encoder with play keeps its angle until the rotor has moved by the play. The shape of play
-    is the lag divided by half of the play: -1 while the rotor turns forwards, and 1 while the
-    rotor turns backwards.
+    After each reversal of its rotor, an encoder with play keeps its angle until the rotor has
+    moved by the play. The shape of play is the angle of the encoder minus the angle of the rotor,
+    divided by half of the play. It is -1 while the rotor turns forwards, and 1 while the rotor
+    turns backwards.
     """
     lags = np.zeros_like(angles)
     for frame in range(1, len(angles)):

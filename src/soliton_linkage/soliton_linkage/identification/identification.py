@@ -96,7 +96,11 @@ def identify(
 
 
 def _duration_of_torques(readings: Readings) -> float:
-    """Return how long torques act [s]; a torque is recorded as a series of impulses."""
+    """Return the total time during which torques act [s].
+
+    A torque is recorded as a series of impulses. Therefore two successive impulses belong to one
+    torque if the time between them is shorter than `ARRIVAL`.
+    """
     spans = np.diff(sorted(impulse.time for impulse in readings.impulses))
     return float(spans[spans < ARRIVAL].sum())
 

@@ -79,7 +79,12 @@ def fit_around_kicks(
 
 
 def _without(some: Readings, kicks: Sequence[float]) -> Readings:
-    """Return readings with unknown impulses before and after each kick."""
+    """Return readings in which no free motion contains frames near `kicks` [s].
+
+    For this, two impulses of unknown size are added for each kick: one at its time, and one
+    `_BEFORE_KICK` earlier. A free motion ends at an impulse, and the next one begins `ARRIVAL`
+    after it.
+    """
     around = [RecordedImpulse(time - before) for time in kicks for before in (_BEFORE_KICK, 0.0)]
     return replace(some, impulses=[*some.impulses, *around])
 

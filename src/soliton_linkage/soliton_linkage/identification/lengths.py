@@ -107,9 +107,9 @@ def split_lengths(unknowns: Array) -> dict[str, Array]:
 
 
 _PASSING = 0.2
-"""`initial_lengths` uses a bond only in frames in which a wall passes it. With the difference d of
-sin(phi_{n+1}) - sin(phi_n) from its median over all frames, a wall is assumed to pass if |d| is
-larger than this times the largest |d| of a typical bond [1]."""
+"""`initial_lengths` uses a bond only in frames in which a wall passes it. For each bond, d is
+sin(phi_{n+1}) - sin(phi_n) minus its median over all frames. A wall is assumed to pass if |d| is
+larger than this times the median, over the bonds, of the largest |d| of each bond [1]."""
 
 
 def initial_lengths(angles: Array) -> Lengths:
@@ -158,7 +158,11 @@ _SMALLEST, _LARGEST = 1e-4, 0.3
 
 @dataclass(frozen=True)
 class Tolerances:
-    """Prior standard deviations of the log lengths of one kind [1], and of the offsets [rad]."""
+    """Prior standard deviations of log lengths [1] and of offsets [rad].
+
+    The value of the log lengths is the same for all three kinds. It is the standard deviation from
+    the mean of the kind.
+    """
 
     lengths: float = _INITIAL
     offsets: float = _INITIAL

@@ -32,7 +32,8 @@ _BEFORE = 50
 _AFTER = 25
 """Number of fitted frames after the impulses; they show most of the effect of the impulses."""
 _MOST = 5
-"""Largest number of fits to impulses between two free motions [1]; one fit takes a second."""
+"""Largest number of fits [1]. Each fit uses all impulses between two successive free motions, and
+takes a second."""
 _LONGEST = 500
 """Impulses are used if at most this many frames separate the free motions before and after
 them."""

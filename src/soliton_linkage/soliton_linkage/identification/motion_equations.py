@@ -30,12 +30,12 @@ from soliton_linkage.linkage.chain import Array
 _STATE_DEVIATION = 10.0
 """Prior standard deviation of each initial angle [rad] and each initial rate [rad/s]."""
 _SIGNIFICANT_STAMPS = 6.0
-"""The estimated variance of stamp errors is significant if it is at least this times its own
-standard deviation [1]."""
+"""The estimated variance of the errors of time stamps is significant if it is at least this times
+its own standard deviation [1]."""
 
 _ANY_VARIANCE = 1e12
-"""Ratio of the variance of stamp errors to the variance of a reading [s^2/rad^2] for a fit that
-ignores the stamps."""
+"""Ratio of the variance of the errors of time stamps to the variance of a reading [s^2/rad^2]. It
+is so large that residuals along the rates, which errors of stamps may cause, have no weight."""
 
 
 class Eliminated(NamedTuple):
@@ -119,6 +119,7 @@ class StampErrors(NamedTuple):
     variance: float
     """Ratio of v to the variance of a reading [s^2/rad^2]; 0 if v is negligible."""
     delays: Array
+    """Estimated minus recorded time of each frame [s], (T,)."""
 
     def whitened(self, pulls: Array, values: Array) -> Array:
         """Return whitened residuals or sensitivities, (..., B, N), of B frames.
@@ -148,7 +149,7 @@ class Record(NamedTuple):
     ) -> tuple[Array, ...]:
         """Return weights, weighted rates and weighted residuals of B frames, (B, N) each.
 
-        `some` are the numbers of the frames; by default, all frames of the window are used.
+        `some` are the numbers of the frames in the record, by default those of the window.
         `states`, (B, 2, N), are the angles and rates of the motion in these frames; by default,
         they are computed. Weights are inverse relative deviations, or 0 for missing readings.
         """
@@ -166,9 +167,10 @@ class Record(NamedTuple):
         return StampErrors(_ANY_VARIANCE, self.times).whitened(pulls, errors)
 
     def whitened(self, frames: slice | NDArray[np.intp], pulls: Array, errors: Array) -> Array:
-        """Return the whitened residuals of B frames at their recorded stamps, (B, N).
+        """Return the whitened residuals of B frames from the motion at the recorded times, (B, N).
 
-        `pulls` and `errors` are the weighted rates and residuals at the estimated times.
+        `pulls` and `errors` are the weighted rates and residuals at the estimated times. The rates
+        times the delays are added to these residuals, and the sum is whitened.
         """
         if self.stamps.variance:
             errors = errors + pulls * self.stamps.delays[frames, None]

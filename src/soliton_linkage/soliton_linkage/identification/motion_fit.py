@@ -47,7 +47,7 @@ from soliton_linkage.linkage.chain import Array
 
 _GROWTH_MASS_DEVIATION = 0.03
 """Prior standard deviation of log masses and log stiffnesses while windows are merged [1]; at 3x,
-the fits of some flippers are 10 % worse."""
+the stiffnesses of two of ten wobbling flippers were wrong by 8 to 10 %."""
 _STEPS = 6
 """Largest number of steps of a fit between two mergers of windows [1]; 2 or 3 are usual."""
 _LAST_STEPS = 40
@@ -58,24 +58,21 @@ _CONVERGED = 0.1
 """The fit of the longest windows ends when the expected decrease of -2 log likelihood in a step is
 smaller than this [1]."""
 _COARSE = 0.1
-"""The fit of shorter windows ends when the expected decrease of -2 log likelihood in a step,
-divided by the number of unknowns, is smaller than this [1]."""
+"""The same limit for the fit of shorter windows, divided by the number of unknowns [1]."""
 _SAMPLED = 1.0
-"""The fit of a sample of the posterior ends when the expected decrease of -2 log likelihood in a
-step is smaller than this [1]."""
+"""The same limit for the fit of a sample of the posterior [1]."""
 _STIFFNESS_FACTORS = (1, 1 / 5, 5)
 """Initial stiffnesses that are tried, relative to the given stiffness [1]."""
 _TOLERANCE_CHANGE = 0.05
 """The tolerances have converged if an estimate changes them by at most this fraction [1]."""
 _SAMPLES, _SAMPLED_ROTORS = 4, 80
-"""Largest number of samples of the posterior [1], and sufficient total number of rotors in all
-samples; with fewer samples, the standard deviations are less certain."""
+"""For N rotors, the number of samples of the posterior [1] is the first value or, if smaller, the
+second value divided by N, rounded up. With fewer, the standard deviations are less certain."""
 _SAMPLED_STEPS = 20
 """Largest number of steps of the fit of a sample [1]; 3 to 10 are usual."""
 _FITTING = 0.5
-"""Two windows are merged if the motion of the first one, continued through the second one, fits
-the readings there. The norm of the residuals of each frame is computed, and the root mean square
-of these norms must be smaller than this [rad]."""
+"""Two windows are merged if the motion of the first one fits the readings in the second one: the
+root mean square, over these frames, of the norm of the residuals is smaller than this [rad]."""
 UNEXPLAINED = 1.5
 """A model matches readings if its residual noise is at most this times the reading noise [1]."""
 _SIGNIFICANT = 3.0
@@ -297,7 +294,10 @@ class MotionFitter:
         return bool(found)
 
     def _squared_noise(self) -> float:
-        """Return the squared noise without residuals along the rates, as for a fit of bars."""
+        """Return the squared noise [rad^2], from the residuals orthogonal to the rates.
+
+        A fit of bars has no residuals along the rates, so that its noise can be compared.
+        """
         across = [self._record.across_rates(window) for window in self._windows]
         freedom = self._freedom() - self._motion.slices.forces.stop - sum(map(len, across))
         return float(sum(np.sum(each**2) for each in across) / max(freedom, 1.0))
@@ -439,8 +439,9 @@ def inflated_covariance(covariance: Array, samples: Array, at: UnknownSlices) ->
     """Return a covariance, (P, P), increased to the scatter of S samples of the unknowns, (S, P).
 
     `at` contains the indices of the unknowns of each kind. The standard deviations of all lengths
-    increase by one common factor, those of all stiffnesses by a second one, and those of all
-    masses by a third one, because errors of unknowns of one kind compensate each other.
+    and offsets increase by one common factor, those of all stiffnesses by a second one, and those
+    of all masses by a third one; the others do not change. If factors within a kind differed, the
+    variance of a combination in which errors compensate each other would become too large.
     """
     variances, factors = np.diag(covariance), np.ones(len(covariance))
     for part in (at.lengths, at.stiffnesses, at.masses):

@@ -12,10 +12,11 @@ symbols of `free_motion`:
     table, (5, N): r, a, l, k, and the moments of inertia;
     forces, (6,): c, b, w, gravity along the chain and across it, and the longest step;
     work, (8, N): accelerations phi'' and their derivatives by angles, rates and forces;
-    direct, (5 N, 3): row k N + n contains the derivatives of phi'' of the rotors n - 1, n, n + 1
-        by unknown k of rotor n, where k counts log r, log a, log l, log k and log m;
+    direct, (5 N, 3): row i N + n contains the derivatives of phi'' of the rotors n - 1, n, n + 1
+        by log r_n (i = 0), log a_n, log l_n, log k_n or log m_n (i = 4);
     sources, (Q,): the row in direct for a length, stiffness or mass; NO_SOURCE for an initial
-        angle or rate, UNMOVED for an offset, BY_FORCE - k for unknown k of the forces.
+        angle or rate, UNMOVED for an offset, BY_FORCE for c, BY_FORCE - 1 for b, BY_FORCE - 2 for
+        log g.
 """
 
 from __future__ import annotations
@@ -43,7 +44,9 @@ R, A, L, K, INERTIA = range(5)
 M = INERTIA
 """Index of log m in `direct`; R, A, L and K are the indices of log r, log a, log l and log k."""
 ACCELERATION, BELOW, MAIN, ABOVE, DRAG, BY_DAMPING, BY_FRICTION, FALL = range(8)
-"""Rows of `work`: acceleration and its derivatives; FALL is the acceleration by gravity."""
+"""Rows of `work`: the acceleration of rotor n; its derivatives by the angles of the rotors n - 1,
+n and n + 1, by the rate of rotor n, by c and by b; and FALL, the acceleration by gravity, which is
+the derivative by log g."""
 DAMPING, FRICTION, SLIDING, ALONG, DOWN, LONGEST = range(6)
 NO_SOURCE, UNMOVED, BY_FORCE = -1, -2, -3
 

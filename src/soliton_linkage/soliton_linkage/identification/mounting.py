@@ -234,8 +234,9 @@ def _fitted(first: Array, second: Array, is_reversed: bool) -> _Curve:
 _CHECKED_FRAMES = 9
 """Approximate number of frames in which the unit of the angles is checked [1]."""
 _SMALLEST_IN_DEGREES = 4.0
-"""The angles of a frame count as degrees only if at least one of them is larger than this. In
-degrees, one of any two neighbouring rotors has an angle of 90 or more."""
+"""The angles of a frame count as degrees only if the absolute value of at least one of them is
+larger than this. In degrees, phi_n + phi_{n+1} is near 180, so that one of the two is about 90 or
+more."""
 _LARGEST_STAGGER = 0.2
 """Angles are consistent with a chain if the median of 1 + cos(phi_n + phi_{n+1}) over a frame is
 smaller than this [1]. If degrees are used as radians, the median is 0.4 or more."""

@@ -283,13 +283,19 @@ _AT_REST = 0.1
 """Largest ratio of the number of frames selected while all rotors rest to the number selected
 while a rotor turns [1]. The limit holds for the total numbers and for the numbers per second."""
 _FILLINGS = 5
-"""Number of iterations after which no frame has so much weight that it is selected twice [1]."""
+"""Number of times that `informative_frames` limits the weights of the frames [1]. The limit is the
+sum of the weights divided by the number of frames to select, so that no frame is selected twice.
+Each limitation decreases the sum; therefore it is repeated."""
 
 
 def informative_frames(
     times: Array, angles: Array, impulses: Sequence[float], most: int
 ) -> NDArray[np.intp]:
-    """Return up to `most` frame numbers, mainly near `impulses` [s] and while rotors turn."""
+    """Return up to `most` frame numbers, mainly near `impulses` [s] and while rotors turn.
+
+    Frames that are not near an impulse are selected in proportion to a weight: the frame interval,
+    which is reduced while all rotors rest (see `_AT_REST`).
+    """
     if len(times) <= most:
         return np.arange(len(times))
     kept = _near_impulses(times, impulses, int(_NEAR_IMPULSES * most))

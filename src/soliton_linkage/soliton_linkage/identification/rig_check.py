@@ -29,8 +29,7 @@ _LARGEST_LEAD = 0.01
 _LARGEST_SLOWNESS = 0.02
 """Largest acceptable relative error of the speed at which stamps advance [1]."""
 _LATE = 1.5
-"""The jitter is computed without intervals longer than this times the median interval [1], because
-a frame is late or missing there."""
+"""Intervals longer than this times the median [1] are not jitter: a frame is late or missing."""
 _COUNTED_FRAMES = 10
 """Missing frames are counted in blocks of this many frames, from the duration of each block."""
 _LARGEST_NOISE = 0.05
@@ -45,18 +44,16 @@ _LARGEST_STRETCH = 0.02
 """Largest acceptable stretch of a bond, the relative difference of its apparent from its
 configured length [1]. An encoder zero error of 0.05 rad causes a larger stretch."""
 _LARGEST_OFFSET = 2.9
-"""Zero errors up to this are tried as a cause of stretches [rad]; larger ones count as half
-turns."""
+"""Largest zero error that is tried as a cause of stretches [rad]; half turns are tried, too."""
 _LARGEST_CHANGE = 0.3
 """Relative errors of lengths up to this are tried as the cause of the stretches [1]."""
 _EXPLAINED = 1 / 3
-"""A correction, for example of a sign, explains the stretches of the bonds if it reduces their
-root mean square to less than this fraction [1]."""
+"""A correction explains stretches if it reduces their root mean square below this fraction [1]."""
 _EQUALLY_GOOD = 1.5
-"""Other corrections are also reported if they leave a root mean square stretch smaller than this
-times the stretch that the best correction leaves [1]."""
+"""Besides the best correction, for example of a sign, others are reported if they leave a root
+mean square stretch smaller than this times the stretch that the best one leaves [1]."""
 _MOST_AGAINST = 0.2
-"""A soliton is at an edge only if at most this fraction of the rotors leans away from it [1]."""
+"""A soliton is at an edge if at most this fraction of the rotors leans away from that edge [1]."""
 _MOST_FRAMES = 200
 """Largest number of frames from which the stretches are computed [1]."""
 _MOST_NAMED = 4
@@ -164,7 +161,10 @@ def is_at_edge(angles: Array, first: bool) -> bool:
 
 
 def first_turn(rest: Array, angles: Array) -> tuple[int, float] | None:
-    """Return the first rotor that leaves `rest` [rad], (N,), and its rotation [rad], or None."""
+    """Return the rotor that turns first from `rest` [rad], (N,), and its rotation [rad], or None.
+
+    Only rotations above `SMALLEST_TURN` count. Of several in one frame, the largest is the first.
+    """
     turned = np.nan_to_num(wrapped(angles - rest))
     frames = np.flatnonzero(np.abs(turned).max(axis=1, initial=0.0) > SMALLEST_TURN)
     if not frames.size:
