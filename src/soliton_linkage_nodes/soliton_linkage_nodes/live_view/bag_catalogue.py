@@ -30,21 +30,26 @@ because they could drive a real chain."""
 _MOST_BAGS = 200
 """Largest number of listed bags [1]. Older bags are not listed."""
 _TRACK_POINTS = 500
-"""Approximate number of points of a trajectory [1], about one per pixel of the time line."""
+"""Number of points to which a long trajectory is reduced [1], about one per pixel of the time
+line. The reduced trajectory may have up to twice as many points."""
 
 
 @dataclass(frozen=True)
 class CataloguedBag:
-    """Contents of a bag, read from the metadata file."""
+    """Contents of a bag, read from the metadata file.
+
+    Stamps are reception times since the epoch [ns]. Times count from the start of the bag [s],
+    without the pauses of the recorder.
+    """
 
     name: str
     path: Path
     start: int
-    """Time of the first message [ns]."""
+    """Stamp of the first message [ns]."""
     end: int
-    """Time of the last message [ns]."""
+    """Stamp of the last message [ns]."""
     gaps: tuple[tuple[int, int], ...]
-    """Start and end [ns] of each pause of the recorder."""
+    """Stamps of the start and the end of each pause of the recorder [ns]."""
     topics: dict[str, int]
     lost: int
 
@@ -54,7 +59,7 @@ class CataloguedBag:
         return self.time_of(self.end)
 
     def time_of(self, stamp: int) -> float:
-        """Return the time from the start of the bag to a stamp [ns], minus the pauses [s]."""
+        """Convert a stamp [ns] to the time since the start of the bag without pauses [s]."""
         return (stamp - self.start - metadata.time_in_gaps(self.gaps, self.start, stamp)) / SECOND
 
     def stamp_of(self, time: float) -> int:
@@ -73,18 +78,23 @@ class CataloguedBag:
 
 @dataclass(frozen=True)
 class BagTrack:
-    """Trajectory of the soliton in a bag."""
+    """Trajectory of the soliton in a bag.
+
+    It is read from every n-th soliton_state message. If the bag contains none, `points` is empty,
+    and `stamps` and `times` are from the joint_states. All times count from the start of the bag,
+    without the pauses of the recorder.
+    """
 
     points: tuple[tuple[float, float | None], ...]
-    """Time since the start of the bag [s] and site coordinate of the soliton [rotor spacings] for
-    each point. The site coordinate is None if the chain has no soliton at this time."""
+    """Reception time [s] and site coordinate of the soliton [rotor spacings] for each point. The
+    site coordinate is None if the chain has no soliton at this time."""
     stamps: Array
-    """Stamps of recorded messages [s], shape (n,)."""
+    """Stamps in the headers of the messages [s], shape (n,)."""
     times: Array
-    """Reception times of these messages since the start of the bag [s], shape (n,)."""
+    """Reception times of these messages [s], shape (n,)."""
 
     def time_of(self, stamp: float) -> float:
-        """Convert a stamp [s] to the time since the start of the bag [s].
+        """Return the estimated reception time [s] of a message from its stamp [s].
 
         The delay between stamp and reception varies during a recording. Therefore the delay of the
         message with the nearest stamp is added. The result is NaN if the track has no messages.

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Start, control and stop of the recorder and of the player for the page."""
+"""Start, control and stop of the recorder and of the player for the page.
+
+A frame consists of the joint states of all rotors at one time.
+"""
 
 from __future__ import annotations
 
@@ -31,14 +34,16 @@ _PLAYER = 'bag_player'
 _POLL_INTERVAL = 0.05
 """Poll interval while waiting for a recorder or an analyser [s]."""
 _LONGEST_ANALYSIS = 5.0
-"""Longest wait for the soliton_state of the last frame before the recorder is stopped [s]."""
+"""Longest time for which the stop of a recording waits for the soliton_state of the newest frame
+[s]."""
 _MOST_STEPS = 20
 """Largest number of messages that a paused replay plays after a seek to show a frame [1]."""
 _STEP_INTERVAL = 0.02
 """Pause after each message that a paused replay plays after a seek [s]. During the pause, the page
 receives the message."""
 _LONGEST_SEEK = 30.0
-"""Longest wait for a frame and its soliton_state after the last played message [s]."""
+"""Longest wait for a frame and its soliton_state after a seek in a paused replay [s]. Each message
+that the replay plays restarts this time."""
 _RESULTS = {
     'pause': 'paused',
     'resume': 'resumed',
@@ -50,7 +55,10 @@ CommandsOf = Callable[[str], ChainCommands]
 
 
 class _BagProgram:
-    """Node that the page starts as a child process and controls by service calls."""
+    """Recorder or player that the page controls by service calls.
+
+    The page can start the program as a child process.
+    """
 
     def __init__(self, node: str, finder: ChainFinder, commands: CommandsOf) -> None:
         self.running = False
@@ -58,7 +66,7 @@ class _BagProgram:
         self._processes: ChildProcesses | None = None
 
     def poll(self) -> str:
-        """Return the error if the process has failed since the last call, or ''."""
+        """Return the error if the child process has failed since the last call, or ''."""
         if self._processes is None or not self.running:
             return ''
         try:
@@ -96,7 +104,11 @@ class _BagProgram:
 
 
 class BagRecording(_BagProgram):
-    """Recorder of one chain, started by the page or by another program."""
+    """Recorder of one chain, started by the page or by another program.
+
+    The commands `start`, `stop` and `request` return a text for the user. They raise ValueError if
+    the command is rejected.
+    """
 
     def __init__(self, folder: Path | None, finder: ChainFinder, commands: CommandsOf) -> None:
         super().__init__(_RECORDER, finder, commands)
@@ -128,7 +140,7 @@ class BagRecording(_BagProgram):
         return ''
 
     async def start(self, namespace: str, snapshot: float = 0.0) -> str:
-        """Start a recorder with `begin`, and wait until it is connected to all publishers."""
+        """Start a recorder like `begin`, and wait until it is connected to all publishers."""
         name = self.begin(namespace, snapshot)
         while self.running and not (self.report and self.report.message.startswith('recording')):
             await asyncio.sleep(_POLL_INTERVAL)
@@ -179,7 +191,12 @@ class BagRecording(_BagProgram):
 
 
 class BagReplay(_BagProgram):
-    """Player of one bag, in the namespace /replay."""
+    """Player of one bag, in the namespace /replay.
+
+    The commands `play`, `pause`, `seek`, `set_rate`, `set_loop` and `stop` return a text for the
+    user. They raise ValueError if the command is rejected. All times count from the start of the
+    bag, without the pauses of the recorder.
+    """
 
     def __init__(
         self, catalogue: BagCatalogue, log_folder: Path, finder: ChainFinder, commands: CommandsOf
@@ -204,7 +221,7 @@ class BagReplay(_BagProgram):
 
     @property
     def position(self) -> float | None:
-        """Time of the newest replayed frame since the start of the bag [s]; None if unknown."""
+        """Time of the newest replayed frame [s], or None if it is unknown."""
         chain = self._finder.chains.get(self.namespace)
         if self.bag is None or chain is None or chain.model.frames == self._frames_before:
             return None
@@ -212,7 +229,7 @@ class BagReplay(_BagProgram):
         return None if math.isnan(at) else min(max(at, 0.0), self.bag.duration)
 
     async def play(self, name: str, start: float = 0.0) -> str:
-        """Play the bag with this name from the time `start` after the start of the bag [s]."""
+        """Play the bag with this name from the time `start` [s]."""
         self._commands(self.namespace).check_writable()
         async with self._changing:
             return await self._play(name, start)
@@ -248,7 +265,7 @@ class BagReplay(_BagProgram):
         return answer
 
     async def seek(self, at: float) -> str:
-        """Continue the replay from the time `at` after the start of the bag [s]."""
+        """Continue the replay from the time `at` [s]. A paused replay shows the frame there."""
         self._commands(self.namespace).check_writable()
         if self.bag is None:
             raise ValueError('no bag is playing')
@@ -266,7 +283,8 @@ class BagReplay(_BagProgram):
     async def _show_frame(self, at: float) -> None:
         """Play messages of a paused replay until a frame and its soliton_state have arrived.
 
-        `at` is the time of the frame since the start of the bag [s].
+        `at` is the time of the frame [s]. Frames that are nearer to the time before the seek are
+        ignored.
         """
         chain = self._finder.chains.get(self.namespace)
         if chain is None or self.bag is None:

@@ -24,7 +24,8 @@ MOST_ANGLES = 1500
 _GROUPS = 1024
 """Number of rotor groups in the overview of a chain with more than twice as many rotors [1]."""
 _STATE_TIMEOUT = 1.0
-"""Age of the last soliton_state above which the analyser counts as stopped [s]."""
+"""Age of the latest soliton_state above which the analyser counts as stopped [s]. Its solitons are
+then no longer shown."""
 _HISTORY_PERIOD = 1 / 30
 """Shortest time between two states in the history [s]."""
 _HISTORY_COLUMNS = 600
@@ -33,7 +34,8 @@ _MINUTE = 60.0
 """Largest time span in the HTML file that a user can save [s]."""
 _MINUTE_COLUMNS = round(_MINUTE / _HISTORY_PERIOD)
 _MINUTE_NUMBERS = 1_800_000
-"""Largest number of angles in the HTML file that a user can save [1] (7 MB of memory)."""
+"""Largest number of angles that are stored for the HTML file that a user can save [1] (7 MB of
+memory). The file contains at most 850000 numbers; for more, it omits frames."""
 _HISTORY_NUMBERS = 400_000
 """Largest number of values in the history [1] (1.6 MB). For a long chain this limit shortens the
 history."""
@@ -68,7 +70,7 @@ class ChainModel:
         self.bag_time = math.nan
         """Position of the replay, from the start of the bag [s]; NaN without a replay."""
         self.history: deque[Column] = deque(maxlen=_HISTORY_COLUMNS)
-        """Recent states, which a newly opened page shows at first."""
+        """Recent states. A newly opened page starts with them."""
         self.stamp = math.nan
         self.rates: Array | None = None
         """Latest angular velocities [rad/s], shape (N,), or None if they are not published."""
@@ -92,7 +94,10 @@ class ChainModel:
 
     @property
     def delay(self) -> float:
-        """Delay of soliton_state relative to joint_states [s]; NaN if no analyser publishes."""
+        """Stamp of the shown joint_states minus stamp of the shown soliton_state [s].
+
+        It is NaN if the latest soliton_state is 1 s old or older.
+        """
         return self.stamp - self._state_stamp if self.state_age < _STATE_TIMEOUT else math.nan
 
     @property
@@ -150,9 +155,9 @@ class ChainModel:
         self._state_received_at = self._clock()
 
     def update_rate(self, sequence: int | None) -> None:
-        """Update the rate of joint_states from the sequence number of a message.
+        """Update the number of joint_states per second from the sequence number of a message.
 
-        Without a sequence number, the rate does not change.
+        If `sequence` is None, nothing changes.
         """
         now = self._clock()
         if sequence is None:
@@ -164,9 +169,11 @@ class ChainModel:
             self._counted = (now, sequence)
 
     def packed(self, index: int, first: int, last: int) -> bytes:
-        """Return the present state as a binary frame with details of the rotors `first` to `last`.
+        """Return the present state as a binary message of the kind 'frame' for the page.
 
-        `index` is the index of the chain in the list of chains that the page receives.
+        The message contains angle, spring extension and zero mode of each rotor from `first` to
+        `last`, unless these are more than 1500 rotors. `index` is the index of the chain in the
+        list of chains that the page receives.
         """
         first = max(0, min(first, self.rotors - 1))
         last = max(first, min(last, self.rotors - 1))

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Subscriptions to the topics of all chains in a ROS graph. A namespace contains one chain."""
+"""Subscriptions to the topics of all chains in a ROS graph. A namespace contains one chain.
+
+A frame consists of the joint states with one stamp, from one message or several. A state is a
+soliton_state message. A pair is a frame and the state with the same stamp.
+"""
 
 from __future__ import annotations
 
@@ -31,12 +35,12 @@ _SEARCH_INTERVAL = 0.5
 _PAIRED = 200
 """Largest number of stored frames without a state, and of stored states without a frame [1]."""
 _SILENCE = 0.5
-"""Time without soliton_state after which frames are shown without a state [s]."""
+"""Time without a state after which frames are shown alone [s]."""
 _LONGEST_WAIT = 2.0
-"""Time without a frame and a state of equal stamps, after which the newest frame and the newest
-state are shown together [s]. An analyser may use other stamps than the encoders."""
+"""Longest wait for a pair [s]. After this time, the newest frame is shown with the newest state,
+because an analyser may use other stamps than the encoders."""
 _LATE_SPAN = 10.0
-"""Time window for the fraction of missed deadlines [s]."""
+"""Time window for the fraction of late frames [s]."""
 _CHANGES = 3
 """A topic counts as having several publishers if the sequence number of its messages decreases at
 least this many times within `_CHANGE_SPAN` [1]."""
@@ -217,18 +221,19 @@ class ChainTopics:
         return f'several nodes publish {mixed} at the same time; stop all but one' if mixed else ''
 
     def is_analysed(self, stamp: int) -> bool:
-        """Return whether the state of the frame at `stamp` [ns] has arrived.
+        """Return whether the state of the frame at `stamp` [ns], or a later state, has arrived.
 
-        If no analyser publishes states, return True.
+        If no state has arrived for 0.5 s, return True.
         """
         silent = time.monotonic() - self._state_at > _SILENCE
         return silent or self.newest_state >= stamp
 
     def _show_frame(self, fresh: bool) -> None:
-        """Show the newest pair of a frame and a state with equal stamps.
+        """Show the newest pair.
 
-        If no pair has arrived for 2 s, show the newest frame with the newest state. If no analyser
-        publishes states, show the newest frame alone. `fresh` is whether a frame has just arrived.
+        If states arrive but no pair for 2 s, show the newest frame with the newest state. If no
+        state has arrived for 0.5 s, show the newest frame alone. `fresh` is whether a frame has
+        just arrived.
         """
         now = time.monotonic()
         if fresh and self._shown_at == -math.inf:
@@ -290,8 +295,8 @@ def _until(kept: Mapping[int, object], last: int) -> list[int]:
 class ChainFinder:
     """Chains in the ROS graph, and the latest report of each node.
 
-    The method `update` receives the messages of `node`. Therefore `node` must not be added to an
-    executor.
+    The method `update` takes the messages from the subscriptions of `node`. An executor would take
+    them first. Therefore `node` must not be added to an executor.
     """
 
     def __init__(self, node: Node, expected: str) -> None:
@@ -325,7 +330,10 @@ class ChainFinder:
             self._search()
 
     def late_share(self, namespace: str) -> float | None:
-        """Return the fraction of missed deadlines in the last 10 s, or None if it is unknown."""
+        """Return the fraction of late frames in the last 10 s, or None if it is unknown.
+
+        The simulator publishes a late frame more than one period after its deadline.
+        """
         counts = self._deadlines.get(namespace)
         while counts and counts[0][0] < time.monotonic() - _LATE_SPAN:
             counts.popleft()

@@ -117,15 +117,18 @@ class ChainCommands:
     ) -> str:
         """Publish an edge_command.
 
-        The unit of `value` depends on `kind`. `times` are duration, ramp up and ramp down [s].
-        `wave` contains the other fields of a waveform.
+        `edge_command_of` defines the unit of `value`. `times` are duration, ramp up and ramp down
+        [s]. `wave` contains the other fields of a waveform.
         """
         message = views.edge_command_of(kind, edge, value, *times, **wave)
         lasting = any(times) or bool(wave)
         return await self._send('edge_command', message, lasting)
 
     async def pull(self, pull: Pull, updated: Callable[[], Awaitable[None]]) -> str:
-        """Release a held soliton, and pull a rotor while `pull.held`. `updated` awaits frames."""
+        """Release the soliton if soliton_steering holds it. Pull a rotor while `pull.held` is set.
+
+        `updated` waits for new messages. After it returns, the torque is computed again.
+        """
         self.check_writable()
         chain = self._chain
         named = chain.model.named if chain else None
@@ -221,9 +224,10 @@ class ChainCommands:
         return await self._call_own(f'chain_identifier/{name}', Trigger.Request())
 
     async def move_to(self, rotor: float, speed: float, position: float) -> str:
-        """Move the soliton from the site coordinate `position` to `rotor` [rotor spacings].
+        """Move the soliton to the site coordinate `rotor` [rotor spacings].
 
-        If `speed` [rotor spacings/s] is 0, soliton_steering chooses the speed.
+        `position` is the present site coordinate, at which the shown progress starts. If `speed`
+        [rotor spacings/s] is 0, soliton_steering chooses the speed.
         """
         self.check_writable()
         goal = views.move_goal(rotor, speed)
@@ -259,10 +263,9 @@ class ChainCommands:
         raise ValueError(f'{move.state}: {move.message}')
 
     def follow(self, received_at: float, figures: Mapping[str, str]) -> None:
-        """Update the shown move from the values in a report of soliton_steering, `figures`.
+        """Update the shown move, of any client, from the values in a report of soliton_steering.
 
-        These reports also show moves that other clients request. `received_at` is the reception
-        time of the report [s].
+        `received_at` is the reception time of the report on the monotonic clock [s].
         """
         if received_at <= self._reported_at or 'moves begun' not in figures:
             return

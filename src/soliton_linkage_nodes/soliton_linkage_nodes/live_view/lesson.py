@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Guided experiments on a simulated chain."""
+"""Guided experiments on a simulated chain.
+
+A nudge is an edge_command of the kind 'kick' at the edge that is nearest to the zero mode.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +22,7 @@ from soliton_linkage_nodes.runtime.child_processes import ChildProcesses
 
 DISORDERED = '/disordered/'
 _SPEED = 10.0
-"""Angular speed of a nudge [rad/s], as in the demo."""
+"""Angular speed of a nudge [rad/s] in all experiments except `speed`."""
 _SPEEDS = (5.0, 10.0, 20.0)
 """Angular speeds of the three nudges in the experiment `speed` [rad/s]."""
 _DISORDER = 0.02
@@ -29,7 +32,7 @@ _MIDDLE = (0.3, 0.7)
 _TIMEOUT = 60.0
 """Longest wait in each step of an experiment [s], for example for a passage of the soliton."""
 _CONNECTION_TIME = 10.0
-"""Time for which a failed kick is repeated [s]. A new actuator needs time to connect."""
+"""Time for which a rejected nudge is sent again [s]. A new edge_actuator needs time to connect."""
 _NODES = ('simulator', 'edge_actuator', 'soliton_analyser')
 _TURN = 1.0
 """A rotor spins if two passages of the soliton, there and back, turn it by more than this angle
@@ -55,7 +58,7 @@ def velocity(samples: Sequence[Sample]) -> float:
 
 
 class Laboratory:
-    """Experiments on the chain in a namespace.
+    """Experiments on the chain in a namespace. Each experiment returns its result as a text.
 
     `watch` is a function that makes the page show the chain in another namespace.
     """

@@ -18,12 +18,13 @@ UNDER_WAY = 'under way'
 _HELD = (MoveSoliton.Result.REACHED, MoveSoliton.Result.CANCELLED)
 """Outcomes of a move after which soliton_steering holds the soliton."""
 _ACCELERATION = 200.0
-"""Largest angular acceleration that the torque gives to a free rotor [rad/s^2]. The rotor then
-reaches 10 rad/s in 0.05 s."""
+"""Largest angular acceleration that a pull would give to a rotor without springs [rad/s^2]. This
+rotor would reach 10 rad/s in 0.05 s."""
 _STRETCH = 1.0
-"""Angle between rotor and pointer above which the torque of the spring is constant [rad]."""
+"""Angle between rotor and pointer above which the spring torque of a pull is constant [rad]."""
 _TOP_SPEED = 20.0
-"""Angular speed of the rotor at which the damping torque equals the largest torque [rad/s]."""
+"""Angular speed of the rotor at which the damping torque of a pull equals the largest spring
+torque [rad/s]."""
 _DEAD_ZONE = 0.2
 """Radius of the circle around the pivot in which the pointer causes no torque [rotor lengths]."""
 
@@ -78,7 +79,12 @@ def _conclude(move: Move, ended: Any) -> None:
 
 @dataclass
 class Pull:
-    """Pull of one rotor towards the pointer by a damped spring with a limited torque."""
+    """Pull of one rotor towards the pointer by the torque of a damped torsion spring.
+
+    The spring torque is proportional to the angle between rotor and pointer, up to 1 rad. Two
+    limits apply to the torque: the limit of the actuator, and the torque that would accelerate a
+    rotor without springs by 200 rad/s^2.
+    """
 
     rotor: int
     x: float
@@ -86,6 +92,7 @@ class Pull:
     z: float
     """Height of the pointer above the pivots [m]."""
     held: bool = True
+    """Whether the user still pulls the rotor."""
 
     def point_to(self, x: float, z: float) -> None:
         """Set the coordinates of the pointer [m]. Raises ValueError if one is not finite."""
@@ -96,7 +103,8 @@ class Pull:
     def torque(self, chain: Chain, angles: Array, rates: Array | None, limit: float) -> float:
         """Return the torque on the pulled rotor, between -`limit` and `limit` [N m].
 
-        `angles` [rad] and `rates` [rad/s] have one element per rotor.
+        `angles` [rad] and `rates` [rad/s] have one element per rotor. Without `rates`, the spring
+        is not damped.
         """
         pivot = float(np.sum(chain.spacings[: self.rotor]))
         length = float(chain.rotor_lengths[self.rotor])

@@ -108,9 +108,9 @@ class PageServer:
     ) -> None:
         """Start the server on a bound socket.
 
-        `tick` returns the time until its next call [s]. The server increases this time so that the
-        load of a processor core is at most `share` [1]. Requests must contain the `token`, unless
-        it is ''.
+        `tick` returns the time until its next call [s]. If the thread would use more than the
+        fraction `share` of a processor core [1], the server increases this time, but to at most
+        0.2 s. Requests must contain the `token`, unless it is ''.
         """
         config = uvicorn.Config(
             Gate(served, token),
@@ -168,8 +168,9 @@ class PageServer:
 def tick_period(wanted: float, spent: float, share: float) -> float:
     """Return the time until the next tick [s].
 
-    The time is `wanted` [s]. If the load of the processor would exceed `share` [1], the time is
-    increased, but to at most 0.2 s. `spent` is the processor time since the last tick [s].
+    The time is `wanted` [s]. If the thread would use more than the fraction `share` of a processor
+    core [1], the time is increased, but to at most 0.2 s. `spent` is the processor time of the
+    thread since the last tick [s].
     """
     return max(wanted, min(spent / share, _LONGEST_PERIOD))
 

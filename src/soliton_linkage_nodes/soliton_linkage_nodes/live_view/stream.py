@@ -123,7 +123,10 @@ class BrowserStream:
         await self._socket.send_bytes(packed)
 
     def _skipped(self, chain: ChainTopics) -> list[Column]:
-        """Return the new columns of the history without the newest. It is sent as a frame."""
+        """Return the columns of the history since the last sent frame, without the newest column.
+
+        The newest column is sent as a frame.
+        """
         last = self._sent_stamps.get(chain.namespace, math.inf)
         self._sent_stamps[chain.namespace] = chain.model.stamp
         skipped = list(

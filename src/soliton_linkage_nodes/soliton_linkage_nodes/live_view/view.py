@@ -91,9 +91,9 @@ class View:
         )
 
     def packed(self, index: int, chain: ChainTopics, first: int, last: int) -> bytes:
-        """Return the binary frame of a chain with details of the rotors `first` to `last`.
+        """Return the result of `ChainModel.packed` for the state of a chain.
 
-        `index` is the index of the chain in the list of chains that the page receives.
+        The result is stored until the next `update`, because several pages may request it.
         """
         window = index, first, last
         if window not in self._packed:

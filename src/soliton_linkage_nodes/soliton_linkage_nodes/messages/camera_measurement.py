@@ -75,10 +75,11 @@ class CameraMeasurement:
         return self.detector.frame_markers.moves if isinstance(self.detector, AngleCamera) else 0
 
     def measure(self, stamp: int, picture: Picture) -> CameraReading:
-        """Return the angles of the rotors in a picture that was taken at `stamp` [ns].
+        """Return the angles of the rotors in a picture.
 
-        Raises ValueError if the detector rejects the picture, or if `stamp` is not later than the
-        stamp of the previous picture.
+        `stamp` is the start of the exposure of the first picture row [ns]. Raises ValueError
+        if the detector rejects the picture, or if `stamp` is not later than the stamp of the
+        previous picture.
         """
         if stamp <= self._last:
             raise ValueError(

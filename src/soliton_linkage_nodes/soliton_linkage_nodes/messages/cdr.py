@@ -237,7 +237,10 @@ class TorqueBuffer(_MessageBuffer):
 
 
 def read_stamp(serialized: bytes) -> int:
-    """Return the stamp [ns] of a message with a header; 0 if the message is big-endian."""
+    """Return the stamp [ns] of a valid message with a header; 0 if the message is big-endian.
+
+    For a message that may be damaged, use `stamp_of`.
+    """
     if not serialized.startswith(_LITTLE_ENDIAN):
         return 0
     seconds, nanoseconds = _STAMP.unpack_from(serialized)

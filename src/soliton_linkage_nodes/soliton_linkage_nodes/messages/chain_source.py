@@ -95,7 +95,10 @@ def chain_of(read: Callable[[Any], Any]) -> NamedChain:
 
 
 def describe_chain(chain: Chain) -> str:
-    """Describe a chain by its number of rotors, class of motion, lengths and rest angle."""
+    """Describe a chain by its number of rotors, motion, spacing, rotor length and rest angle.
+
+    The motion is flipper, wobbling flipper or spinner.
+    """
     shape = 'a ring' if chain.periodic else 'a chain'
     deviations = '' if chain.deviations == NO_DEVIATIONS else ', with deviations'
     return (

@@ -44,9 +44,9 @@ class JointActuators:
     def checked(self, source: str, names: Sequence[str], torques: Array) -> tuple[Rotors, Array]:
         """Return the rotors of the joints `names`, and their torques [N m].
 
-        The last axis of `torques` has one entry for each name. Raises ValueError if a joint has no
-        actuator or a torque exceeds its limit. `source` is the name of the torques in the error
-        text.
+        The last axis of `torques` has one entry for each name. Raises ValueError if a joint occurs
+        twice or has no actuator, if the numbers of names and torques differ, or if a torque is not
+        finite or exceeds its limit. `source` is the name of the torques in the error text.
         """
         check_names(source, names)
         index_of = {name: index for index, name in enumerate(self.names)}
@@ -133,8 +133,9 @@ def efforts_from_msg(
 ) -> tuple[Rotors, Array]:
     """Return the rotors and their torques [N m] in a message.
 
-    Raises ValueError if the message is not accepted. `source` is the name of the message in the
-    error text.
+    Raises ValueError if the message contains positions or velocities, if it names no joint, or if
+    `JointActuators.checked` rejects the torques. `source` is the name of the message in the error
+    text.
     """
     if message.position or message.velocity:
         raise ValueError(
@@ -151,8 +152,8 @@ def efforts_from_array(
 ) -> tuple[Rotors, Array]:
     """Return all rotors that have an actuator, and their torques [N m] in a message.
 
-    Raises ValueError if a torque is invalid. `source` is the name of the message in the error
-    text.
+    Raises ValueError if `JointActuators.checked` rejects the torques. `source` is the name of the
+    message in the error text.
     """
     torques = np.asarray(message.data, dtype=np.float64)
     return actuators.checked(f'{source}.data', actuators.names, torques)
@@ -163,8 +164,9 @@ def trajectory_from_msg(
 ) -> tuple[Rotors, Array, Array]:
     """Return the rotors, times [s] and torques [N m], shape (times, rotors), of a trajectory.
 
-    Raises ValueError if the message is not accepted. `source` is the name of the message in the
-    error text.
+    Raises ValueError if the trajectory names no joint, if a point contains positions, velocities
+    or accelerations, if the times are negative or do not increase, or if the torques are invalid
+    as in `JointActuators.checked`. `source` is the name of the message in the error text.
     """
     if not message.joint_names:
         raise ValueError(f'{source} has points but no joints; fill joint_names')
@@ -190,7 +192,7 @@ def trajectory_from_msg(
 
 
 def delivery_to_msg(delivered: DeliveryTotals) -> msg.Delivery:
-    """Return the message with the totals of the impulses and torques on the chain."""
+    """Return the message with the impulse and work that a simulated chain has received so far."""
     return msg.Delivery(
         header=Header(stamp=time_to_msg(delivered.stamp), frame_id=FRAME),
         **{name: getattr(delivered, name) for name in _DELIVERY},
@@ -199,7 +201,7 @@ def delivery_to_msg(delivered: DeliveryTotals) -> msg.Delivery:
 
 
 def delivery_from_msg(message: msg.Delivery) -> DeliveryTotals:
-    """Return the totals of the impulses and torques on the chain from a message."""
+    """Return the impulse and work that a simulated chain has received so far, from a message."""
     impulse = np.asarray(message.impulse_of_torques, dtype=np.float64)
     totals = {name: getattr(message, name) for name in _DELIVERY}
     stamp = time_from_msg(message.header.stamp)
@@ -229,15 +231,16 @@ class StampRule:
     """Limits for the stamps of commands. A stamp of 0 means the present time."""
 
     oldest: float
-    """Largest age of a command that is executed at once [s]; 0 means that `longest` applies."""
+    """Largest difference between the present time and the stamp of a command that is executed at
+    once [s]. If it is 0, `longest` is used instead."""
     longest: float
     """Largest time from now to the end of a command [s]."""
 
     def check_at_once(self, source: str, stamp: int, now: int) -> None:
         """Check the stamp [ns] of a command that is executed at once, at the time `now` [ns].
 
-        Raises ValueError if the stamp differs from `now` by more than the limit, in the past or in
-        the future.
+        Raises ValueError if the stamp is earlier or later than `now` by more than `oldest` or, if
+        `oldest` is 0, by more than `longest`.
         """
         age = self._age(stamp, now)
         limit = self.oldest or self.longest

@@ -135,7 +135,10 @@ def joint_states_from_msg(message: JointState) -> JointStates:
 
 
 def frame_to_msg(named: NamedChain, frame: Frame, efforts: Array, stamp: Time) -> JointState:
-    """Return a message with the angles and angular velocities of a frame and `efforts` [N m]."""
+    """Return a message with the angles and angular velocities of a frame and `efforts` [N m].
+
+    Unlike `frame_from_msg`, this function ignores the encoder offsets.
+    """
     rates = np.zeros(0) if frame.rates is None else frame.rates
     return joint_state(named, stamp, position=frame.angles, velocity=rates, effort=efforts)
 
@@ -195,9 +198,10 @@ def impulses_from_msg(
 def state_from_reset(named: NamedChain, request: Any, now: State) -> State:
     """Return the state into which a `Reset.Request` puts a chain in the state `now`.
 
-    Joints that the request does not name keep their angles. If the request contains no rates, the
-    angular velocities of all rotors become 0. Raises ValueError if the request names an unknown
-    joint, or if an angle or a rate is too large or not finite.
+    The named joints get the requested angles and rates. All other joints keep their angles, and
+    their angular velocities become 0. If the request contains no rates, all angular velocities
+    become 0. Raises ValueError if the request names an unknown joint, or if an angle or a rate is
+    too large or not finite.
     """
     rotors = named.numbers
     remedy = 'reset to smaller angles and rates'

@@ -79,16 +79,17 @@ class FrameReader:
 
 
 _LONGEST_LATENESS = SECOND
-"""A frame is late if its stamp is at most this time before the previous stamp [ns]. If the stamp
-decreases by more, the clock was reset."""
+"""Largest decrease of the stamp for which the monitor warns that frames are out of order [ns]. If
+the stamp decreases by more, the clock was reset."""
 _UNIT_CHECK_INTERVAL = 100
 """Number of frames between checks of the angle unit [1], because one check takes 80 us."""
 
 
 class EncoderMonitor:
-    """Monitor that warns if joint states have wrong stamps or if their angles are in degrees.
+    """Monitor that warns once about each of three faults of joint states.
 
-    The monitor warns once per kind of fault.
+    The faults are: the stamp is 0; the stamp equals the previous stamp or is up to 1 s earlier;
+    the angles are in degrees.
     """
 
     def __init__(self, warn: Callable[[str], object]) -> None:
@@ -126,7 +127,7 @@ class EncoderMonitor:
 _SHORT_FRAMES = 10
 """After this number of consecutive incomplete frames [1], the assembler no longer waits for the
 missing joints. Sensitivity: at 0.5x, one more frame is incomplete after a pause of an encoder
-board; at 2x, twice as many frames are late after an encoder board has stopped."""
+board; at 2x, twice as many frames are delayed after an encoder board has stopped."""
 
 
 class FrameAssembler:
@@ -134,9 +135,10 @@ class FrameAssembler:
 
     Several encoder boards may each publish some of the joints. The assembler returns a frame when
     the frame has all joints of the chain, or all joints that earlier merged frames had. Otherwise
-    it returns the incomplete frame when a message with another stamp arrives. As long as no two
-    messages have had equal stamps, only the first incomplete frame is delayed, and each later
-    message is returned at once.
+    it returns the incomplete frame when a message with another stamp arrives.
+
+    There is one exception: while no two messages have had equal stamps, there is nothing to merge.
+    Then only the first incomplete frame is delayed, and each later message is returned at once.
     """
 
     def __init__(self, joint_names: Sequence[str] = ()) -> None:
@@ -303,7 +305,8 @@ class NewestFrame:
 
     def __init__(self, node: Node, name: str) -> None:
         self.number: int | None = None
-        """Consecutive number of the newest frame, or None if the number is unknown."""
+        """Number of the newest frame, or None if it is unknown. If each message is one frame, it
+        is the sequence number from the publisher. Otherwise the frames are counted here."""
         self._node, self._name = node, name
         self._decoder = JointStateDecoder()
         self._assembler = FrameAssembler()

@@ -66,7 +66,10 @@ class JointStateAnalysis:
         self._deviation_reader, self._deviations = FrameReader(named.joint_names), {}
 
     def set_joints(self, joint_names: Sequence[str]) -> None:
-        """Set the joints of the later frames, rotor 0 first, if the chain is unknown."""
+        """Set the joints of the later frames, rotor 0 first, and treat the chain as unknown.
+
+        A chain that was set earlier is no longer used.
+        """
         self.analyser = UnknownChainAnalyser(len(joint_names))
         self._named = None
         self._set_reader(FrameReader(joint_names))
@@ -79,7 +82,10 @@ class JointStateAnalysis:
             self.analyser.apply_impulse(read_stamp(serialized) or None, impulses)
 
     def add_deviations(self, deviations: JointStates) -> None:
-        """Store standard deviations for the frame with the same stamp. The chain must be known."""
+        """Store standard deviations for the frame with the same stamp.
+
+        If the chain is unknown, nothing is stored.
+        """
         if self._deviation_reader is None:
             return
         by_rotor = self._deviation_reader.read(deviations).angles
@@ -93,7 +99,9 @@ class JointStateAnalysis:
     def analyse(self, joints: JointStates) -> Analysis | None:
         """Analyse a frame. Return None if the frame is late.
 
-        Raises ValueError if the frame is invalid.
+        A frame is late if its stamp equals the previous stamp or is up to 1 s earlier. If the
+        stamp is even earlier, the analysis restarts with this frame. Raises ValueError if the
+        frame is invalid.
         """
         if self.analyser is None or self._reader is None:
             raise ValueError(

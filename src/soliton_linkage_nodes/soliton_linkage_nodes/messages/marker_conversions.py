@@ -20,7 +20,7 @@ from soliton_linkage_nodes.messages.conversions import NamedChain
 
 
 class Wall(NamedTuple):
-    """Position of a wall along the chain."""
+    """Position of a wall (a soliton, moving or at rest) along the chain."""
 
     position: float
     """Distance of the wall from the first pivot along the chain [m]."""

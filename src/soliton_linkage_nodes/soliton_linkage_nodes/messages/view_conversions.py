@@ -54,7 +54,8 @@ _CODES = {
     for field, names in _CHOICES.items()
 }
 KICK_UNITS = {'kick': 'rad/s', 'pulse': 'N m', 'pressure': 'Pa', 'waveform': 'N m'}
-"""Unit of the field `value` for each kind of edge command."""
+"""Unit of the field `value` for each kind of edge command. For a waveform with the quantity
+'angle', the unit is rad instead."""
 _TYPES: Mapping[int, tuple[type[bool | int | float | str], str]] = {
     ParameterType.PARAMETER_BOOL: (bool, 'bool_value'),
     ParameterType.PARAMETER_INTEGER: (int, 'integer_value'),
@@ -77,7 +78,8 @@ class NodeReport:
     """Latest report of a node on /diagnostics."""
 
     node: str
-    """Full name of the node, according to the field hardware_id or name of the report."""
+    """Full name of the node. It is the field hardware_id of the report or, if this is empty, the
+    field name up to the first colon."""
     level: int
     """Level of the report: 0 OK, 1 warning, 2 error, 3 stale."""
     message: str
@@ -181,9 +183,10 @@ def edge_command_of(
 ) -> msg.EdgeCommand:
     """Return the message of a command to an edge actuator.
 
-    `KICK_UNITS` gives the unit of `value`. The unit of all times is [s]. Only waveforms use
-    `shape`, `quantity` and the additional fields `numbers`. Raises ValueError if a name is unknown
-    or a number is not finite.
+    The unit of `value` is [rad/s] for a kick, [N m] for a pulse and [Pa] for a pressure. For a
+    waveform it is [N m] or, if `quantity` is 'angle', [rad]. The unit of all times is [s]. Only
+    waveforms use `shape`, `quantity` and the additional fields `numbers`. Raises ValueError if a
+    name is unknown or a number is not finite.
     """
     names = {'kind': kind, 'edge': edge, 'shape': shape, 'quantity': quantity}
     numbers |= {'value': value, 'duration': duration, 'ramp_up': ramp_up, 'ramp_down': ramp_down}

@@ -36,7 +36,8 @@ class Kymograph:
     """Displacements of the rotors in the last `length` [s], and a picture of them.
 
     In the picture, time increases to the right, and rotor 0 is at the bottom. Rotors that lean to
-    the right are purple, and rotors that lean to the left are orange.
+    the right are purple, and rotors that lean to the left are orange. Black lines show the walls
+    (solitons).
     """
 
     def __init__(self, chain: Chain, length: float) -> None:

@@ -29,9 +29,11 @@ from soliton_linkage_nodes.visualisation.observed_chain import ObservedChain
 from soliton_linkage_nodes.visualisation.scene import ChainScene
 
 _MOST_BUSY = 0.5
-"""Largest fraction of the time that is spent on drawing [1]. After a drawing the node pauses."""
+"""Largest fraction of the time that is spent on drawing [1], unless a drawing takes longer than
+1 s. After a drawing the node pauses."""
 _LONGEST_REST = 1.0
-"""Longest pause after a drawing [s]. The first one takes long because it imports matplotlib."""
+"""Longest pause after a drawing [s]. Otherwise a long pause would follow the first drawing, which
+takes long because it imports matplotlib."""
 _SEARCH_PERIOD = 0.5
 """Time between two searches for new publishers [s]."""
 

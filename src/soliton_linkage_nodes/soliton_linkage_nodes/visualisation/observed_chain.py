@@ -72,7 +72,10 @@ class ObservedChain:
 
     @property
     def walls(self) -> list[Wall]:
-        """Solitons of the latest state; [] if stamps of state and angles differ by 1 s or more."""
+        """Walls (solitons) of the latest state.
+
+        The list is empty if the stamps of state and angles differ by 1 s or more.
+        """
         apart = self.seconds - time_from_msg(self.state_stamp) / SECOND
         return self._walls if abs(apart) < _FRESH else []
 
@@ -102,7 +105,12 @@ class ObservedChain:
             self.frames += 1
 
     def describe(self) -> str:
-        """Return a text with the known values of orbit phase and energies, and node reports."""
+        """Return a text about the chain and its nodes, one line per subject.
+
+        The first lines are the phase on the orbit of zero-energy configurations and the energies,
+        if they are known. The next lines are the node reports with a warning or an error or, if
+        there is none, the number of nodes that report OK.
+        """
         numbers, lines = self.numbers, []
         if math.isfinite(numbers.get('phase', math.nan)):
             lines.append(

@@ -25,11 +25,11 @@ box encloses rotors that point up or down."""
 _LETTERS = 40
 """Ratio of the length of the chain to the height of the letters [1]."""
 _AT_REST = 1e-4
-"""Smallest extension that is drawn in the brightest colour, relative to the rest length [1]. A
-chain at rest is therefore grey."""
+"""Lower limit of the spring extension that is drawn in the brightest colour, relative to the rest
+length [1]. Because of this limit, the springs of a chain at rest are grey."""
 _DECAY = 0.98
-"""Factor by which the extension with the brightest colour decreases at most per drawing [1]. The
-colours therefore change slowly when the extensions decrease."""
+"""Smallest ratio of the spring extension with the brightest colour to that in the previous drawing
+[1]. The colours therefore change slowly when the extensions decrease."""
 
 
 class Shape(NamedTuple):
@@ -46,12 +46,13 @@ class Shape(NamedTuple):
 
 
 class WallBox(NamedTuple):
-    """Box that shows a wall and the standard deviation of its position."""
+    """Box that shows a wall (a soliton) and the standard deviation of its position."""
 
     position: float
     """Position of the wall along the chain [m]."""
     length: float
-    """Length along the chain: four standard deviations, but at least the width of a rod [m]."""
+    """Length along the chain [m]: four standard deviations, but at least the width of the lines
+    that represent rotors."""
     height: float
     """Vertical size [m]."""
 

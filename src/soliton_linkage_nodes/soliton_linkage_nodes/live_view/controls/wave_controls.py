@@ -24,7 +24,8 @@ from soliton_linkage_nodes.live_view.view import View
 
 _UNITS = {'torque': 'N m', 'angle': 'rad'}
 _AMPLITUDES = {'torque': 0.002, 'angle': 0.1}
-"""Default amplitude of a torque [N m] and of an angle [rad], sufficient to move a kink."""
+"""Default amplitude of a torque [N m] and of an angle [rad], sufficient to move a kink
+(soliton with the charge +1)."""
 _LARGEST_COUPLING = 1e-3
 """Largest non-reciprocity on the slider if the non-reciprocity of the chain is 0 [N m/rad]."""
 
