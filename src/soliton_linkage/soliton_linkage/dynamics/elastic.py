@@ -32,13 +32,14 @@ class ElasticSettings(SimulationSettings):
     """
     symplectic_fraction: float = 0.1
     """Tolerance of `SymplecticNystrom`, divided by the tolerance of the simulation [1]. At 0.1,
-    the error for a kicked chain of 12 rotors is 7e-10 rad, the same as with DOP853. Sensitivity:
-    at 1, the error is 13 times as large and the steps are 1.4 times as long."""
+    a simulation of a kicked chain of 12 rotors has the same error as a simulation by DOP853.
+    Sensitivity: at 1, the error is 13 times as large and the steps are 1.4 times as long."""
     rotors_per_step: int = 400
     """Largest number of integration steps in one call of `SymplecticNystrom.step`, multiplied by
-    the number of rotors [1]. A call takes 0.05 to 0.07 ms; the node runs other callbacks between
-    calls. Sensitivity for a chain of 40 rotors: at 0.5x, the computation of a frame takes 20 to 60
-    % longer; at 2x, it takes 10 to 30 % less time, but a call takes 0.12 ms."""
+    the number of rotors [1]. A call takes 0.05 to 0.07 ms. Calls must be short, because the
+    simulator node runs its other callbacks between calls. Sensitivity for a chain of 40 rotors: at
+    0.5x, the computation of a frame takes 20 to 60 % longer; at 2x, it takes 10 to 30 % less time,
+    but a call takes 0.12 ms."""
 
 
 class ElasticSimulation(Simulation):
@@ -112,12 +113,12 @@ class ElasticSimulation(Simulation):
 def absolute_tolerances(motion: EquationOfMotion, tolerance: float) -> Array:
     """Return the absolute tolerance of each variable of a solver.
 
-    With these tolerances, the norm of the errors of all angles in a step is at most `tolerance`
-    [rad].
+    With these tolerances, the square root of the sum of the squared errors of all angles in a step
+    is at most `tolerance` [rad].
     """
-    # The solver compares the mean error of all variables with the tolerance. In a long chain
-    # most rotors rest and have no error. Without the division by sqrt(N) they would reduce the
-    # mean so much that a large error of the rotors in the wall is accepted.
+    # The solver compares the root mean square of the errors of all variables with the tolerance.
+    # In a long chain most rotors rest and have no error. Without the division by sqrt(N) they
+    # would reduce the mean so much that a large error of the rotors in the wall is accepted.
     chain = motion.chain
     angles = np.full(motion.rotors, tolerance / math.sqrt(2 * motion.rotors))
     energy = [tolerance * chain.stiffness * chain.rest_length**2] * motion.damped

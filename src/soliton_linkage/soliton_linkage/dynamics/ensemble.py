@@ -46,8 +46,8 @@ _SWITCHES = {
 the name of the `Chain` array that contains this parameter for all rotors or springs."""
 _OF_SPRINGS = {'spacings': [0.0], 'offsets': [0.0], 'rest_lengths': [1e9], 'stiffnesses': [0.0]}
 """`Chain` arrays with one value per spring. Each entry contains the value of the springs that
-connect two chains in `joined`. With the large rest length of these springs, the kernel computes a
-length that is never 0."""
+connect two chains in `joined`. The loop for the spring torques divides by the ratio of length and
+rest length, even if the stiffness is 0. With these values, it computes a ratio of 1, never 0."""
 
 
 def joined(chains: Sequence[Chain]) -> Chain:
@@ -93,10 +93,10 @@ def simulate_many(
     `reduce` computes the result from a recording, which contains the initial state and the states
     at `frames` equally spaced later times. Chains are simulated while the caller consumes the
     results. The work is done by threads on all cores, or by `executor`, for example
-    `client.get_executor()` of Dask. In each step of the solver, the norm of the errors of all
-    angles of a chain is at most `tolerance` [rad]. Successive chains with free ends and the same
-    force terms are simulated in batches. Raises ArithmeticError if a solver fails, and ValueError
-    for chains with feedback.
+    `client.get_executor()` of Dask. In each step of the solver, the square root of the sum of the
+    squared errors of all angles of a chain is at most `tolerance` [rad]. Successive chains with
+    free ends and the same force terms are simulated in batches. Raises ArithmeticError if a solver
+    fails, and ValueError for chains with feedback.
 
     >>> import soliton_linkage as sl
     >>> chains = [sl.Chain(number_of_rotors=8, stiffness=k) for k in (40.0, 50.0)]

@@ -34,10 +34,12 @@ class EquationOfMotion:
     M r^2 phi_ddot is the sum of the torques of all terms. W_dot is the sum of the powers that the
     terms dissipate.
 
-    The dissipated energy W [J] is part of the state only if a term is dissipative or active. The
-    terms are the springs, `torques`, gravity, `forces`, and the terms that `of_chain` returns. If
-    a `Simulation` creates the equation, `torques` includes the torques of `Chain.feedback`, which
-    are constant between frames. Raises ValueError for invalid torques and invalid fixed rotors.
+    The dissipated energy W [J] is part of the state only if a term is dissipative or active (see
+    `Term`). The terms are the springs, `torques`, gravity, `forces`, and the damping, friction,
+    on-site and non-reciprocal torques that the parameters of the chain specify. Compiled loops
+    compute the terms of the class `CompiledTerm`. If a `Simulation` creates the equation,
+    `torques` includes the torques of `Chain.feedback`, which are constant between frames. Raises
+    ValueError for invalid torques and invalid fixed rotors.
     """
 
     chain: Chain
@@ -84,12 +86,12 @@ class EquationOfMotion:
         return (SpringTorques(self.chain), *self.loads)
 
     def table(self, terms: Sequence[Term]) -> TermTable:
-        """Return the kinds and parameters of the compiled terms among the given terms."""
+        """Return the kinds and parameters of the given terms; omit terms that are not compiled."""
         return term_table([t for t in terms if isinstance(t, CompiledTerm)], self.rotors)
 
     @cached_property
     def plain_terms(self) -> tuple[Term, ...]:
-        """Terms that are not compiled."""
+        """Terms that are not of the class `CompiledTerm`, for example Python functions."""
         return tuple(term for term in self.loads if not isinstance(term, CompiledTerm))
 
     @cached_property
@@ -106,10 +108,12 @@ class EquationOfMotion:
 
     @cached_property
     def fastest_vibration(self) -> float:
-        """Upper bound of the angular frequency of vibrations [rad/s].
+        """Upper bound of the angular frequency of small vibrations with relaxed springs [rad/s].
 
-        The bound is sqrt(4 k_e / M + g / r + (4 abs(kappa) + m abs(A)) / (M r^2)) with the
-        non-reciprocity kappa, and the order m and the torque A of the on-site potential.
+        The bound is sqrt(4 k_e / M + g / r + (4 abs(kappa) + m abs(A)) / (M r^2)). The symbols are
+        the largest stiffness k_e, the smallest mass M, the gravitational acceleration g, the
+        smallest rotor length r, the largest non-reciprocity kappa, the smallest moment of inertia
+        M r^2, and the order m and the largest torque A of the on-site potential.
         """
         chain = self.chain
         of_springs = 4 * float(chain.stiffnesses.max() / chain.masses.min())
@@ -121,13 +125,17 @@ class EquationOfMotion:
 
     @cached_property
     def fastest_decay(self) -> float:
-        """Upper bound of the decay rate of rotors due to linear damping and dry friction [1/s]."""
+        """Upper bound of the decay rate of the angular rates [1/s].
+
+        The bound includes linear damping, and dry friction at rates below `Chain.friction_rate`,
+        where this friction is proportional to the rate.
+        """
         of_friction = self.chain.dry_frictions / self.chain.friction_rate / self.inertias
         return float((self.decay_rates + of_friction).max())
 
     @property
     def fastest_rate(self) -> float:
-        """Upper bound of the vibration frequencies and of the decay rates of the energy [1/s]."""
+        """The larger of `fastest_vibration` and twice `fastest_decay` [1/s]."""
         return max(self.fastest_vibration, 2 * self.fastest_decay)
 
     def external_energy(self, angles: Array) -> float:

@@ -24,8 +24,9 @@ from soliton_linkage.linear.statics import gram_matrix_bands, unstretched
 from soliton_linkage.linkage.chain import Array, Chain
 
 _FLUSHED = -1100
-"""Smallest binary exponent of a component of the zero mode, minus the exponent of the largest
-component [1]. Smaller exponents are set to this value, at which the component underflows to 0."""
+"""Smallest binary exponent of a component of the zero mode, if the largest component has the
+exponent 0 [1]. Smaller exponents are replaced by this value. The component is then 0, because the
+smallest positive double is 2^-1074."""
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ class SimulationSettings:
 
     max_steps: int = 1000
     """Factor in the largest number of solver steps per frame, `max_steps` (1 + `period` / T) [1].
-    T is the smaller of `Chain.time_unit` and the longest solver step."""
+    T is the smaller of `Chain.time_unit` and the longest step that the solver may take."""
 
 
 class Simulation(ABC):
@@ -39,9 +39,9 @@ class Simulation(ABC):
     Frame k is the state at the time k * `period` [s] after the start. A kick, a new torque or a
     change of gravity takes effect at the current frame. The torques of `Chain.feedback` are
     computed at each frame and are constant until the next frame. In each solver step, the norm of
-    the errors of all angles is at most `tolerance` [rad], and the norm of the errors of all rates
-    is at most `tolerance` / `chain.time_unit`. `kicks` is the number of kicks so far, and
-    `kick_work` is their total work [J].
+    the errors of all angles (the square root of the sum of their squares) is at most `tolerance`
+    [rad], and the norm of the errors of all rates is at most `tolerance` / `chain.time_unit`.
+    `kicks` is the number of kicks so far, and `kick_work` is their total work [J].
 
     The simulation starts from `angles` [rad] and `rates` [rad/s], by default from rest. Rotors in
     `fixed` do not turn. `forces` contains additional terms of the equation of motion, or functions
@@ -184,7 +184,11 @@ class Simulation(ABC):
 
     @property
     def steps_per_frame(self) -> float:
-        """Frame period divided by the longest solver step [1]; 0 if no step has been taken."""
+        """Lower bound of the number of solver steps per frame [1].
+
+        The bound is the frame period divided by the longest step that the solver may take. It is 0
+        if the solver has taken no step since the last restart, for example after a kick.
+        """
         return 0.0 if self._stale else self.period / self._longest_step
 
     @property
@@ -262,7 +266,7 @@ class Simulation(ABC):
 
     @abstractmethod
     def _solver_from(self, state: Array) -> tuple[OdeSolver, float]:
-        """Return a solver that starts at a state, and the longest step of the solver [s]."""
+        """Return a solver that starts at a state, and the longest step that it may take [s]."""
 
     @staticmethod
     def _solver_of(
@@ -295,7 +299,11 @@ class Simulation(ABC):
         return float(self.torques @ (angles - self._held_from))
 
     def _dissipated_at(self, angles: Array, dissipated: float) -> float:
-        """Return `dissipated` minus the work of the feedback torques since the restart [J]."""
+        """Return `dissipated` minus the work of the feedback torques [J].
+
+        Both count from the last restart of the solver. The work is done until the angles `angles`
+        [rad] are reached.
+        """
         return dissipated - float(self.feedback_torques @ (angles - self._feedback_from))
 
     def _feedback(self) -> Array:

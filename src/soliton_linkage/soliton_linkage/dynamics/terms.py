@@ -43,8 +43,8 @@ VECTOR = 8
 
 ANGLES, RATES, COSINES, SINES, TORQUES, TORQUES_ON_RIGHT, ACTIVE = range(7)
 """Indices of the rows of `work`. Element n + 1 of TORQUES_ON_RIGHT is the torque that spring n
-exerts on its right rotor, n + 1. ACTIVE contains the torques of the active terms (see
-`Term.active`); TORQUES includes these torques."""
+exerts on its right rotor, n + 1. ACTIVE contains the torques of the last active term (see
+`Term.active`); TORQUES includes the torques of all terms."""
 
 SPRINGS, GRAVITY, CONSTANT, LINEAR_DAMPING, DRY_FRICTION = range(5)
 QUADRATIC_DAMPING, ON_SITE, NON_RECIPROCAL = range(5, 8)
@@ -55,10 +55,12 @@ class Term(ABC):
     """One summand of the torque on each rotor in the equation of motion."""
 
     dissipative = False
-    """Whether the energy that the term removes counts as dissipated energy."""
+    """Whether the term is damping, friction or a Python function. The energy that the term removes
+    counts as dissipated energy."""
     active = False
     """Whether the torques of the term depend on the angles, but have no potential energy. The
-    energy that these torques remove counts as dissipated energy."""
+    energy that an active term removes also counts as dissipated energy, although `dissipative` is
+    False."""
 
     @abstractmethod
     def add(self, torques: Array, time: float, angles: Array, rates: Array) -> float:
@@ -73,7 +75,7 @@ class Term(ABC):
 class CompiledTerm(Term):
     """Term with a compiled kernel.
 
-    The kernel reads the rates if the term is dissipative, otherwise the angles.
+    The torques depend on the rates if the term is dissipative, otherwise on the angles.
     """
 
     kind: int
@@ -339,8 +341,8 @@ def _set_springs(work: Array, rotors: int, rows: Array, first: int) -> None:
         torque on the left  = (1 - 1 / sqrt(w)) [lever c - cross (s c' - c s')],
         torque on the right = (1 - 1 / sqrt(w)) [cross (s c' - c s') - lever' c'].
 
-    The last spring joins the last rotor to the first. With free ends, the levers of this spring
-    are 0.
+    The last spring joins the last rotor to the first. With free ends, the parameters of this
+    spring are 0, except offset = 1, so that its torques are 0.
     """
     prefer_wide_vectors()
     work[COSINES, rotors], work[SINES, rotors] = work[COSINES, 0], work[SINES, 0]

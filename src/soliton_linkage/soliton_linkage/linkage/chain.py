@@ -3,9 +3,11 @@
 
 Springs join neighbouring masses. The symbols are the angle phi_n of rotor n, the rotor length r,
 the mass M, the distance a between neighbouring pivots, the rest angle theta_bar, and for spring n
-the length l_n, the rest length lbar and the stiffness k_e. Relative to its pivot, mass n is at the
-horizontal position h_n = r sin(phi_n) and at the height v_n = r cos(phi_n). The difference between
-the squared length and the squared rest length of spring n is
+the length l_n, the rest length lbar and the stiffness k_e. In the uniform right-leaning state, the
+staggered angle theta_n of each rotor is theta_bar, where theta_n is phi_n for even n and
+pi - phi_n for odd n. Relative to its pivot, mass n is at the horizontal position
+h_n = r sin(phi_n) and at the height v_n = r cos(phi_n). The difference between the squared length
+and the squared rest length of spring n is
 
     e_n = l_n^2 - lbar^2 = c + 2 a (h_{n+1} - h_n) - 2 (h_n h_{n+1} + v_n v_{n+1}),
     c = a^2 + 2 r^2 - lbar^2 = -2 r^2 cos(2 theta_bar).
@@ -298,7 +300,10 @@ class Chain:
 
 
 def staggered(angles: ArrayLike) -> Array:
-    """Convert angles phi to staggered angles theta, or theta to phi [rad], shape (..., N)."""
+    """Convert angles phi to staggered angles theta, or theta to phi [rad], shape (..., N).
+
+    theta_n = phi_n for even n, and theta_n = pi - phi_n for odd n.
+    """
     converted = np.array(angles, dtype=np.float64)
     converted[..., 1::2] = np.pi - converted[..., 1::2]
     return converted

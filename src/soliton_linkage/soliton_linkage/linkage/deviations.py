@@ -18,7 +18,8 @@ from soliton_linkage.linkage.quantities import (
 )
 
 _LARGEST_FRACTION = 1e3
-"""Largest allowed relative deviation [1]. Products of larger deviations could overflow."""
+"""Largest allowed relative deviation [1]. Without a limit, products of deviating quantities could
+overflow. The value is far below this danger and far above any realistic deviation."""
 _LOWEST_FRACTIONS = {
     'dry_friction': -1.0,
     'quadratic_damping': -1.0,

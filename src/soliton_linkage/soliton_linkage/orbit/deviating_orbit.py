@@ -2,10 +2,12 @@
 """Orbit of a chain with known deviations of its rotors and springs.
 
 The uniform chain is the same chain without deviations. By definition, corresponding configurations
-of the two chains have the same site coordinate. Two configurations in the same leg (see `Orbit`)
-correspond if the rotors to the left of the same bond contribute half of the sum of t_n^2, where t
-is the zero mode. The ends of the legs also correspond. A monotonic cubic spline through these
-pairs of configurations converts the arc length of one orbit to the arc length of the other.
+of the two chains have the same site coordinate. Let t be the zero mode of a configuration. A bond
+halves the configuration if the rotors to the left of the bond contribute half of sum_n t_n^2. A
+configuration of one chain corresponds to a configuration of the other chain if the same bond
+halves both, and if both are in the same leg (see `Orbit`). The ends of the legs also correspond. A
+monotonic cubic spline through these pairs of configurations converts the arc length of one orbit
+to the arc length of the other.
 """
 
 from __future__ import annotations
@@ -74,7 +76,7 @@ class DeviatingOrbit(Orbit):
 
     @property
     def wall_extent(self) -> float:
-        """Largest change of the arc length during which one rotor moves [rad]."""
+        """Estimate of the bound that `Orbit.wall_extent` defines [rad]."""
         return self._uniform.wall_extent * self.site_arc / self._uniform.site_arc
 
     def site(self, arc: float) -> float:
@@ -107,11 +109,12 @@ class DeviatingOrbit(Orbit):
         return left.copy(), right.copy()
 
     def _reflections(self) -> list[float]:
-        """Return the arc lengths at which legs end [rad]; the first piece begins at 0.
+        """Return the arc lengths at which legs end [rad].
 
-        In a flipper, a leg ends where the edge rotor and its bar are collinear, because the rotor
-        next to the edge then reverses its rotation. In a spinner, a leg ends at an extremum of
-        sum_n sin(phi_n).
+        These arc lengths count from the start of the first piece, in the middle of leg 0 (see
+        `orbit_pieces`). In a flipper, a leg ends where the edge rotor and its bar are collinear,
+        because the rotor next to the edge then reverses its rotation. In a spinner, a leg ends at
+        an extremum of sum_n sin(phi_n).
         """
         last = self.chain.number_of_rotors - 1
         spinner = self.chain.motion is Motion.SPINNER
@@ -200,7 +203,7 @@ def _rate(arc: float, piece: OrbitPiece, rotor: int | None) -> float:
 
 
 class _ArcMap(PiecewiseCubic):
-    """Smooth, increasing map from the arc length of an orbit to that of the uniform orbit."""
+    """Smooth, increasing map from arc lengths of an orbit to arc lengths of the uniform orbit."""
 
     def __init__(self, orbit: Orbit, uniform: UniformOrbit) -> None:
         arcs: list[float] = []

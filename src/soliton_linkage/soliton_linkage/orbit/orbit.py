@@ -64,10 +64,11 @@ class Orbit(ABC):
     in odd legs towards the first rotor. Leg 0 begins at arc length 0, where the wall is reflected
     at the first rotor.
 
-    An edge rotor of a flipper is called toggled if the sign of its lever differs from the sign in
-    the left-leaning state (staggered angles theta = -theta_bar). In leg 0, no edge rotor is
-    toggled. If a chain is assembled upside down, each angle phi of the orbit must be replaced by
-    pi - phi.
+    The lever of an edge rotor is the derivative of the length of its bar with respect to its
+    angle. An edge rotor of a flipper is called toggled if the sign of its lever differs from the
+    sign in the left-leaning state, in which all staggered angles (see `staggered`) are -theta_bar.
+    In leg 0, no edge rotor is toggled. If a chain is assembled upside down, each angle phi of the
+    orbit must be replaced by pi - phi.
     """
 
     chain: Chain
@@ -92,7 +93,11 @@ class Orbit(ABC):
     @property
     @abstractmethod
     def wall_extent(self) -> float:
-        """Largest change of the arc length during which one rotor moves [rad]."""
+        """Upper bound of the arc length during which one rotor moves [rad].
+
+        The bound applies to one passage of the wall past the rotor, also if the wall is reflected
+        there. A rotor moves if its component of the tangent exceeds 1e-6.
+        """
 
     def leg_arcs(self, leg: int) -> tuple[float, float]:
         """Return the arc lengths [rad] at which a leg begins and ends."""

@@ -3,8 +3,9 @@
 
 In each piece, one rotor in the wall is called the seed. The angle of the seed determines the
 angles of its neighbours, these determine the angles of the next rotors, and so on outwards. Errors
-of the angles decay outwards as fast as the zero mode. With the levers A_n and B_n of bar n, the
-tangent t satisfies t_{n+1} = -(A_n / B_n) t_n and |t| = 1. The arc length follows from
+of the angles decay outwards as fast as the zero mode. The levers of bar n are A_n = dl_n/dphi_n
+and B_n = dl_n/dphi_{n+1} with the distance l_n between the masses n and n + 1. The tangent t
+satisfies t_{n+1} = -(A_n / B_n) t_n and |t| = 1. The arc length follows from
 ds = dphi_seed / t_seed.
 """
 
@@ -33,8 +34,9 @@ _STILL = 2e-11
 """Threshold of motion: a rotor counts as immobile in a piece if the absolute value of its
 component of the tangent never exceeds this [1]. The value is the rounding error of a series."""
 _DEPTHS_BESIDE = 25
-"""Largest distance from the seed at which rotors are computed [penetration depths]. Over this
-distance, the tangent decays to e^-25, which is below `_STILL`."""
+"""Largest distance from the seed at which rotors are computed [penetration depths]. The
+penetration depth is the distance over which the tangent decays by the factor e. At 25 depths, the
+tangent is e^-25, which is below `_STILL`."""
 _ROTORS_BESIDE = 6
 """Number of rotors that are added on each side of the seed to the distance `_DEPTHS_BESIDE` [1],
 because the penetration depth can be close to 0."""

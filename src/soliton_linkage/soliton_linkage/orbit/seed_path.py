@@ -2,14 +2,17 @@
 """Path of a wall from rotor to rotor through a chain with deviations of rotors and springs.
 
 The seed is the rotor that moves most at the present position of the wall. Its angle determines the
-angles of all other rotors. When the levers of the bar between the seed and a neighbour become
-equal, |A_n| = |B_n|, both rotors move equally fast, and the neighbour becomes the seed.
+angles of all other rotors. Bar n joins rotors n and n + 1. Its levers A_n and B_n are the
+derivatives of the distance between the two masses with respect to the angles of rotor n and
+rotor n + 1. When the levers of the bar between the seed and a neighbour become equal,
+|A_n| = |B_n|, both rotors move equally fast, and the neighbour becomes the seed.
 
-For a given angle of rotor n + 1, the bar from rotor n to rotor n + 1 allows two angles of rotor n,
-at which A_n has opposite signs. While the seed is to the right of rotor n, A_n does not vanish.
-Therefore, A_n keeps the sign that it had when the seed changed from n to n + 1, and this sign
-selects one of the two angles. For a seed to the left of rotor n, the sign of B_{n-1} selects the
-angle.
+For a given angle of rotor n + 1, bar n allows two angles of rotor n, at which A_n has opposite
+signs. The rates satisfy A_n dphi_n + B_n dphi_{n+1} = 0. If A_n vanished, all rotors to the right
+of rotor n would stand still. Therefore, A_n does not vanish while the seed, which moves most, is
+to the right of rotor n. A_n keeps the sign that it had when the seed changed from n to n + 1, and
+this sign selects one of the two angles. For a seed to the left of rotor n, the sign of B_{n-1}
+selects the angle.
 """
 
 from __future__ import annotations

@@ -29,8 +29,9 @@ from soliton_linkage.orbit.orbit import Orbit, OrbitSegment, PiecewiseCubic
 from soliton_linkage.solitons.static_wall import follow_zero_mode, site_arc, static_wall
 
 _DEPTHS_BESIDE = 15
-"""Smallest distance of the edges of the short chain from its middle [penetration depths]. At this
-distance, the edges change the angles of a wall in the middle by less than 1e-6 rad."""
+"""Smallest distance of the edges of the short chain from its middle [penetration depths]. The
+penetration depth is the distance over which the zero mode decays by the factor e. At 15 depths,
+the edges change the angles of a wall in the middle by less than 1e-6 rad."""
 _ROTORS_BESIDE = 6
 """Number of rotors that are added on each side of the middle to the distance `_DEPTHS_BESIDE` [1],
 because the penetration depth can be close to 0."""
@@ -66,7 +67,7 @@ class UniformOrbit(Orbit):
 
     Angles have errors below 1e-6 rad. The computation takes less than a second, except for a lean
     ratio d close to the critical lean ratio d_c and for walls wider than 1000 rotors. Raises the
-    errors of `site_arc`, and ValueError for two rotors or periodic ends.
+    errors of the function `static_wall.site_arc`, and ValueError for two rotors or periodic ends.
     """
 
     def __init__(self, chain: Chain) -> None:
@@ -101,7 +102,7 @@ class UniformOrbit(Orbit):
 
     @property
     def wall_extent(self) -> float:
-        """Largest change of the arc length during which one rotor moves [rad]."""
+        """Upper bound of the arc length during which one rotor moves [rad]; see `Orbit`."""
         swing = self._starts[1] - (self.chain.number_of_rotors - 1) * self.site_arc
         return self._short.number_of_rotors * self.site_arc + swing
 
@@ -249,9 +250,9 @@ class _ShortOrbit:
     def _tangent(self, angles: Array) -> Array:
         """Return the unit zero mode in the direction of the orbit [1], shape (N,).
 
-        The zero mode is proportional to (-1)^n prod_{j < n} A_j prod_{j >= n} B_j. The levers A
-        and B are divided by the larger one of the `couplings`, so that the products rarely
-        overflow.
+        The zero mode is proportional to (-1)^n prod_{j < n} A_j prod_{j >= n} B_j with the levers
+        A and B of `rigidity_bands`. They are divided by the largest lever in the uniform state, so
+        that the products rarely overflow.
         """
         first, second = rigidity_bands(self._chain, angles)
         mode = self._signs.copy()
@@ -276,8 +277,11 @@ class _ShortOrbit:
     def _pieces(self) -> list[_HalfLegs]:
         """Return the pieces of the orbit in order; each ends in the middle of the next leg.
 
-        Mirroring exchanges the two results of `toggled_edges`, and therefore the legs 0 and 2 for
-        a lean ratio d > 1, or the legs 1 and 3 for d <= 1.
+        The pieces with a reflection at the last rotor are integrated. Their mirror images are the
+        pieces with a reflection at the first rotor. In a flipper, the legs differ in the
+        edge rotors that are toggled (see `static_wall`). Mirroring exchanges the first and the
+        last rotor, and therefore the legs 0 and 2 for a lean ratio d > 1, or the legs 1 and 3 for
+        d <= 1.
         """
         legs = len(self.walls)
         last = [self._followed(leg) for leg in range(0, legs, 2)]

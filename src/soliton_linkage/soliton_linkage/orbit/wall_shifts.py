@@ -7,8 +7,9 @@ dphi with R dphi + E p = 0, where R and E are the derivatives of the bar lengths
 the angles and to p. Of all solutions, dphi is the one that is orthogonal to the zero mode t.
 
 Let S_n be the sum of t_j^2 over the rotors j to the left of bond n, and A_n and B_n the levers of
-the bar of bond n. The wall is at bond b if S_b has the same value as for a wall at bond b of the
-uniform chain (see `DeviatingOrbit`). Because t_{n+1} / t_n = -A_n / B_n, the deviations change
+the bar of bond n. In the uniform chain, S_b = 1/2 if the wall is at bond b, the site b + 1/2;
+near the edges, S_b differs from 1/2. In a chain with deviations, the wall is at bond b if S_b has
+the same value as in the uniform chain. Because t_{n+1} / t_n = -A_n / B_n, the deviations change
 ln(S_b / (1 - S_b)) by
 
     dQ = -sum_n w_n d ln|A_n / B_n|,   w_n = min(S_n / S_b, (1 - S_n) / (1 - S_b)).
@@ -61,16 +62,18 @@ class Shifts(NamedTuple):
     arc: float
     """Standard deviation of the error of the arc length, divided by sigma [1]."""
     rate: float
-    """Standard deviation of the relative error of the rate, divided by sigma [1/rad]."""
+    """Standard deviation of the relative error of the rate, divided by sigma [1/rad]. The rate is
+    the inverse of the time that the wall takes from one bond to the next."""
 
 
 class WallShifts:
     """Errors of a wall due to unmodelled deviations, relative to the error of a far rotor.
 
     The error of a rotor far from the wall is the change of its angle due to the deviations, minus
-    `tail_ratio` times the change of the angle of the next rotor towards the wall. The subtraction
-    removes the tail of the wall. All lengths and masses are assumed to have independent relative
-    deviations of equal variance.
+    the change of the tail of the wall at this rotor. The tail is the difference between the angles
+    and the angles of a uniform state. Its change at a rotor is `tail_ratio` times the change of
+    the angle of the next rotor towards the wall. All lengths and masses are assumed to have
+    independent relative deviations of equal variance.
     """
 
     def __init__(self, orbit: Orbit) -> None:

@@ -3,7 +3,8 @@
 
 Polynomials approximate cosine and sine of the rotation in a drift, so that the compiler can
 vectorise all loops. The module `terms` defines the first rows of the array `work`, and this module
-defines the other rows.
+defines the other rows. P is the number of rotors N rounded up to a multiple of VECTOR. The
+elements from N on are padding.
 """
 
 from __future__ import annotations
@@ -57,9 +58,10 @@ class Forces(NamedTuple):
     inverse_inertias: Array
     """1 / (M r^2) of each rotor [1/(kg m^2)], 0 for fixed rotors and padding, shape (P,)."""
     half_inertias: Array
-    """M r^2 / 2 of each rotor [kg m^2], (P,), or (0,) if there are no damping and active terms."""
+    """M r^2 / 2 of each rotor [kg m^2], shape (P,). The shape is (0,) if no term is dissipative or
+    active (see `Term`)."""
     active: bool
-    """Whether there is an active term (see `Term.active`), which is the last one in `kinds`."""
+    """Whether the last term in `kinds` is active (see `Term.active`)."""
 
 
 class Step(NamedTuple):
@@ -244,7 +246,9 @@ def advance(
 ) -> tuple[int, float]:
     """Fill states[1:] with the state after each step; return number of steps and largest error.
 
-    Stop before a step with an error above 1, or with a rotation above LARGEST_TURN in a drift.
+    Reject a step with an error above 1, or with a rotation above LARGEST_TURN in a drift, and stop
+    before it. The number of steps does not include the rejected step. The largest error includes
+    its error, if this was measured.
     """
     forces, step, checks = Forces(*plain_forces), Step(*plain_step), Checks(*plain_checks)
     rotors = states.shape[1] // 2
