@@ -25,13 +25,18 @@ class _PendingCommand(NamedTuple):
 
 
 class ChainDriver:
-    """Driver of all actuators of a chain; a command starts at the next frame.
+    """Driver of all actuators of a chain.
 
-    The reports name the `source` of a command, which is the topic of the command. At each frame,
-    the driver returns the mean torques over the interval to the next frame. The driver assumes
-    that this interval is as long as the previous one. After the end of a joint command, its last
-    torques are held for `timeout` [s]. If the interval between two frames exceeds `longest_gap`
-    [s], the current torques are reported as cut short.
+    A command starts at the next frame. At frame k, the driver returns the mean of the commanded
+    torques from frame k to frame k + 1. It assumes that this interval is as long as the previous
+    one. These torques are sent after frame k. In the simulator, they act from frame k + 1 to frame
+    k + 2, so that every command acts with a delay of one frame period. The driver assumes the same
+    delay for a real chain.
+
+    After the end of a joint command, its last torques are held for `timeout` [s]. The function
+    `report` is called with each finished `KickReport`. The report names the `source` of each
+    command, which is the topic of the command. If the interval between two frames exceeds
+    `longest_gap` [s], the current torques are reported as cut short.
     """
 
     def __init__(
@@ -62,7 +67,10 @@ class ChainDriver:
         return self._driving
 
     def command(self, source: str, command: EdgeCommand, side: Edge) -> None:
-        """Start an edge command with a duration; it replaces the previous edge command."""
+        """Start an edge command at the next frame; it replaces the previous edge command.
+
+        The command must be neither `instantaneous` nor a waveform.
+        """
         begin = partial(self._drive.command, command, side)
         self._pending.append(_PendingCommand(source, begin, command))
 
@@ -90,7 +98,7 @@ class ChainDriver:
         self._pending.append(_PendingCommand(source, begin))
 
     def frame(self, before: int, stamp: int, angles: Array) -> Array | None:
-        """Return the torques [N m], (N,), to apply from this frame on, or None if no torque acts.
+        """Return the torques to send after this frame [N m], (N,), or None if no torque acts.
 
         `before` and `stamp` are the stamps of the previous frame and of this frame [ns]. Raises
         ValueError if the stamps do not increase; if they decrease, all commands are dropped.

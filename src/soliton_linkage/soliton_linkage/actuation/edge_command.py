@@ -103,7 +103,11 @@ class EdgeCommand:
 
     @property
     def vents(self) -> bool:
-        """Whether the command is a pressure of 0. Such a command is allowed at both edges."""
+        """Whether the command is a pressure of 0.
+
+        Such a command is allowed at either edge. Kicks, pulses and other pressures are allowed
+        only at the edge that is nearer to the centre of the zero mode.
+        """
         return self.kind is CommandKind.PRESSURE and self.value == 0
 
     @property

@@ -37,10 +37,13 @@ class DeliveryTotals:
 
 @dataclass(frozen=True)
 class KickReport:
-    """Report of one kick, or of one episode: an interval in which torques act without a pause."""
+    """Report of one kick or of one episode.
+
+    An episode is an interval in which torques act without a pause and without a new edge command.
+    """
 
     stamp: int
-    """Stamp of the frame at which the kick or the torques started [ns]."""
+    """Stamp of the frame after which the kick or the first torques were sent [ns]."""
     source: str
     """Topics of the commands, separated by commas."""
     command: EdgeCommand | None
@@ -88,7 +91,8 @@ class KickRecord:
 
     The function `report` is called with the report of each finished kick or episode. If the
     simulator does not publish `DeliveryTotals`, impulse and work are computed, with the assumption
-    that torques sent after frame k act from frame k + 1 to frame k + 2.
+    that torques sent after frame k act from frame k + 1 to frame k + 2. The current frame is the
+    last one for which `frame` was called.
     """
 
     def __init__(self, number_of_rotors: int, report: Callable[[KickReport], None]) -> None:
@@ -148,7 +152,8 @@ class KickRecord:
     def end(self, stamp: int, cut_short: bool = False, superseded: bool = False) -> None:
         """End the current episode at a stamp [ns].
 
-        `superseded` states whether the next episode follows without a pause.
+        `superseded` states whether a new edge command ended the episode. Other torques may then
+        follow without a pause.
         """
         if self._episode is not None:
             self._episode.ended, self._episode.superseded = stamp, superseded
@@ -157,7 +162,7 @@ class KickRecord:
             self._episode = None
 
     def sent(self, torques: Array, saturated: bool) -> None:
-        """Record the torques sent with the current frame [N m], shape (N,)."""
+        """Record the torques that are sent after the current frame [N m], shape (N,)."""
         self._sent = (self._episode, torques)
         if self._episode is not None:
             self._episode.saturated |= saturated

@@ -12,8 +12,9 @@ from soliton_linkage.linkage.chain import Array, Chain
 _STIFFNESS = 0.3
 """Natural frequency of the angle servo, multiplied by the frame period [1]. For a burst of 40
 rad/s, the error of the angle is 0.3 % of the amplitude at 500 frames per second and 3 % at 250
-frames per second; at 100 frames per second, the servo fails. Sensitivity at 500 frames per second:
-at 0.5x, the error is 0.7 %; at 2x, it is 0.2 %."""
+frames per second; at 100 frames per second, the servo fails. These errors do not include the delay
+of one frame period (see `ChainDriver`). Sensitivity at 500 frames per second: at half this value,
+the error is 0.7 %; at twice this value, it is 0.2 %."""
 
 
 class RotorDrive:
@@ -21,14 +22,17 @@ class RotorDrive:
 
     `profile` is a torque [N m] or an angle [rad] as a function of time; `quantity` states which
     one it is. The absolute value of the torque on the rotor is limited to `limit` [N m]. If
-    `profile` is an angle q_ref(t), a servo makes the rotor angle q follow it with the torque tau.
-    The symbols are the moment of inertia I, the torque of the springs tau_springs, the frame
-    period T, and the natural frequency w of the servo.
+    `profile` is an angle q_ref(t), a servo applies the torque tau, so that q follows q_ref. Here q
+    is the change of the rotor angle since the start. The other symbols are the moment of inertia
+    I, the torque of the springs tau_springs, the frame period T, and the natural frequency w of
+    the servo.
 
         tau = I q_ref'' - tau_springs + I [w^2 (q_ref - q) + 2 w (q_ref' - q')],    w = 0.3 / T.
 
     A torque that is sent after a frame acts from the next frame on. Therefore tau_springs, q and
-    q' are extrapolated to the next frame.
+    q' are extrapolated to the next frame. But q_ref is taken at the current frame. The rotor
+    therefore follows q_ref with a delay of one frame period, the delay of all commands of a
+    `ChainDriver`.
     """
 
     def __init__(
@@ -51,10 +55,11 @@ class RotorDrive:
         return time < self._started + self._profile.end - RESOLUTION
 
     def add_torque(self, torques: Array, angles: Array, start: float, end: float) -> bool:
-        """Add the mean torque from `start` to `end` [s] to `torques` [N m], shape (N,).
+        """Add the torque that is sent after the current frame to `torques` [N m], shape (N,).
 
-        `angles` [rad] are the angles of all rotors at `start`. Return whether the torque was
-        limited.
+        The current frame is at the time `start`, and the next one at the time `end` [s]. If the
+        profile is a torque, its mean between these times is added. `angles` [rad] are the angles
+        of all rotors in the current frame. Return whether the torque was limited.
         """
         since = start - self._started
         if self._servo is None:

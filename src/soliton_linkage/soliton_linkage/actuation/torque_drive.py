@@ -26,9 +26,9 @@ _SIGNS = {Edge.FIRST: 1.0, Edge.LAST: -1.0}
 
 
 class MeanTorque(NamedTuple):
-    """Mean torque towards the last rotor [N m], and whether a limit reduces it.
+    """Mean torque along the unit zero mode [N m], and whether a limit reduces it.
 
-    The torque acts along the unit zero mode.
+    Positive torques move a wall towards the last rotor.
     """
 
     torque: float
@@ -65,7 +65,7 @@ class EdgeDrive:
         return time < self._over < math.inf
 
     def command(self, command: EdgeCommand, side: Edge, time: float) -> None:
-        """Start a command with a duration at the first or last edge at `time` [s]."""
+        """Start a pulse or pressure at the first or last edge at `time` [s]."""
         self.drop(time)
         profile = command.profile
         if command.kind is CommandKind.PULSE:
@@ -172,7 +172,8 @@ class JointDrive:
 
         `times` [s] are relative to `time`; `torques` [N m] have the shape (len(times),
         len(rotors)). If the first of `times` is positive, the torques change linearly from the
-        current torques to the first point. Points at negative times have no effect.
+        current torques to the first point. If some of `times` are negative, the trajectory has
+        started before `time`, and the part before `time` is skipped.
         """
         now = self._now(time)[rotors]
         if times[0] > 0:
@@ -210,7 +211,7 @@ class JointDrive:
 
 
 class DriveTorques(NamedTuple):
-    """Torque on each rotor until the next frame [N m], (N,), and whether a limit reduced it."""
+    """Mean torque on each rotor [N m], (N,), and whether a limit reduced a torque."""
 
     torques: Array
     saturated: bool

@@ -28,21 +28,26 @@ _MICROSECOND = 1000
 _SECOND = 10**9
 """Duration of a second [ns]."""
 _INTERVALS = 64
-"""Number of intervals in the fit [1]; at 0.5x, errors double; at 2x, a fit takes four times as
-long."""
+"""Number of intervals in the fit [1]. When this number is reached, pairs of intervals are merged
+into intervals of double duration, up to `_LONGEST_INTERVAL`. Sensitivity: at half this number, the
+errors of the line double; at twice this number, a fit takes four times as long."""
 _FIRST_INTERVAL = 1 / 16
 """Duration of the first intervals [s]; the drift is known after two of them."""
 _LONGEST_INTERVAL = 2.0
-"""Longest duration of later intervals [s]; at 0.5x, the line follows the drift faster."""
+"""Longest duration of merged intervals [s], so that the line is fitted to the last 128 s.
+Sensitivity: at half this duration, the line follows changes of the drift faster."""
 LARGEST_DRIFT = 0.01
 """Largest accepted drift of a clock [1]; the resonator of an Arduino Uno has half this drift."""
 _FROM_THE_FUTURE = 0.25
-"""If the time of a measurement, converted to the receiver's clock, is later than its arrival by
-more than this [s], the controller's clock has restarted."""
+"""The time of a measurement is implausible if it is later than its arrival by more than this [s],
+both on the receiver's clock. A clock that has restarted usually gives such times, because a
+decrease of the time counts as the end of a period `CLOCK_RANGE`. A proved change of the clock
+counts as a jump if it is smaller than this [s], otherwise as a restart."""
 _FROM_THE_PAST = 10.0
-"""Largest accepted delay [s]; a larger delay means that the controller's clock has stopped."""
+"""Largest plausible delay [s]; if delays are larger, the controller's clock has stopped."""
 _SMALLEST_JUMP = 1e-3
-"""Smallest jump of a clock that is detected [s]; at 2x, undetected jumps bias the drift more."""
+"""Smallest jump of a clock that is detected [s]; at twice this value, undetected jumps bias the
+drift more."""
 _EARLY, _LATE = 3.0, 10.0
 """Let h be the median height of recent delays above the fitted line, and s the lower octile of
 these heights. A delay is plausible if it is at most the first number times s below the line, or at
@@ -59,21 +64,24 @@ _CLOCK_RESOLUTION = 1e-4
 """An interval is unusual only if its difference from the nearest multiple of the median interval
 is larger than this [s], which is 25 ticks of micros() of an Arduino."""
 _REMEMBERED = 128
-"""Number of recent messages whose delays and intervals are compared [1]. Sensitivity: at 0.25x, a
-rare interval seems unusual; at 4x, a jump by less than an interval is corrected later."""
+"""Number of recent messages whose delays and intervals are compared [1]. Sensitivity: at a
+quarter of this number, a rare interval seems unusual; at four times this number, a jump by less
+than an interval is corrected later."""
 _SHORT = _REMEMBERED // 8
 """Number of compared delays that are shorter than their lower octile [1]. Sensitivity on a busy
-computer: at 0.5x, some frames that waited in a queue seem early; at 2x, some jumps of 50 ms are
-missed."""
+computer: at half this number, some frames that waited in a queue seem early; at twice this number,
+some jumps of 50 ms are missed."""
 _WRONG_TIMES = _REMEMBERED // 16
 """Largest expected number of wrong times among the compared messages without a checksum [1]."""
 _CONFIRMATIONS = 3
 """Number of successive implausible times that prove a jump or a restart of the clock if they are
 consistent with each other."""
 _FRESH = 0.75
-"""Implausible times are not used as proof of a jump or a restart if their messages arrive within
-less than this times the time between their measurements [1], because such messages have waited for
-a stalled receiver."""
+"""Smallest ratio of two durations for which `_CONFIRMATIONS` implausible times prove a jump or a
+restart [1]: the duration from the first to the last arrival, and the duration from the first to
+the last measurement. If the ratio is smaller, the messages have waited for a stalled receiver and
+arrive together. The ratio does not matter if all these messages are early, because waiting does
+not make messages early."""
 
 
 class DelayEnvelope:
@@ -85,7 +93,11 @@ class DelayEnvelope:
         self.offset = math.inf
         """Delay on the line at x = 0 [s]."""
         self.scatter = math.nan
-        """Mean height of the points above the line [s]; NaN before there are three points."""
+        """Mean additional delay d of the messages in the fit [s], which are one per interval.
+
+        It is computed from the median, for exponentially distributed d. NaN before there are three
+        such messages.
+        """
         self._points: list[tuple[float, float]] = []
         self._interval = _FIRST_INTERVAL
         self._end = -math.inf
@@ -146,9 +158,9 @@ class DeviceClock:
 
     def __init__(self) -> None:
         self.restarts = 0
-        """Number of restarts of the controller's clock."""
+        """Number of restarts of the controller's clock, including jumps by 0.25 s or more."""
         self.jumps = 0
-        """Number of jumps of the controller's clock by less than 0.25 s."""
+        """Number of jumps of the controller's clock by less than 0.25 s, forwards or backwards."""
         self.delay = 0.0
         """Delay of the last measurement minus the fitted smallest delay [s]."""
         self._last: int | None = None
@@ -253,7 +265,11 @@ class DeviceClock:
         return -self._tolerance(gap, early=True) <= late <= self._tolerance(gap)
 
     def _is_only_late(self, elapsed: int, arrival: int, checked: bool) -> bool:
-        """Return whether a message is late although its measurement was at the usual time."""
+        """Return whether a message is late although its measurement was at the usual time.
+
+        The usual times follow the previous measurement by multiples of the median interval.
+        `elapsed` is the time of the measurement since the estimate started [us].
+        """
         intervals = np.array([(elapsed - self._elapsed) / 1e6, *self._intervals])
         usual = float(np.median(intervals))
         unusual, *others = np.abs(intervals - usual * np.maximum(np.round(intervals / usual), 1))

@@ -56,9 +56,9 @@ class FrameKind(Enum):
 
 
 READINGS = frozenset({FrameKind.COUNTS, FrameKind.RADIANS})
-"""Kinds of frames that a controller sends; they contain readings."""
+"""Kinds of frames with readings, which a controller sends."""
 COMMANDS = frozenset({FrameKind.TORQUES, FrameKind.PRESSURES})
-"""Kinds of frames that a controller receives; they contain commands."""
+"""Kinds of frames with commands, which a controller receives."""
 _KINDS = {kind.value: kind for kind in FrameKind}
 _LAYOUTS: dict[bytes, tuple[FrameKind, np.dtype[Any]]] = {
     b'c': (FrameKind.COUNTS, np.dtype('<i2')),

@@ -23,8 +23,9 @@ _COMPARED_NUMBERS = 4
 
 @dataclass(frozen=True)
 class RotaryEncoders:
-    """Resolution and mounting of encoders: a reading of q turns is the angle 2 pi sign q - offset.
+    """Resolution and mounting of encoders.
 
+    A reading of q turns is the angle 2 pi s q - offset [rad], with the sign s of the encoder.
     Raises ValueError for values out of range.
     """
 
@@ -96,7 +97,10 @@ class AngleReader:
         return np.asarray(angles)
 
     def check(self, frame: SerialFrame) -> None:
-        """Raise ValueError unless a frame has one reading per rotor, and no angles in degrees."""
+        """Raise ValueError unless a frame has one reading per rotor.
+
+        Also raises ValueError for angles that match the chain only if they are degrees.
+        """
         if len(frame.values) != self.rotors:
             raise ValueError(
                 f'it has {len(frame.values)} readings for a chain of {self.rotors} rotors; send '

@@ -4,9 +4,11 @@
 The angle of a rotor is the direction from its pivot to the dot on its mass. The fitted position of
 a dot is a mean over the exposure time T of its row of pixels. Let t_row be the middle of this
 exposure, omega the rate of the rotor, and alpha the acceleration of the rotor. All angles of a
-picture refer to one time t, the middle of the exposure of the pivots:
+picture refer to one time t, the middle of the exposure of the mean row of the pivots:
 
     phi(t) = phi_measured - alpha T^2 / 24 + omega (t - t_row) + alpha (t - t_row)^2 / 2.
+
+The exposure of a picture begins when the exposure of the first row begins.
 """
 
 from __future__ import annotations
@@ -31,7 +33,7 @@ _DOT_DEVIATION = 0.7
 """The assignment of dots to rotors assumes this standard deviation of a position [pixels]."""
 _SEARCHED = 5.0
 """The dot of a rotor is searched for only up to this difference from the predicted angle [standard
-deviations]."""
+deviations of the predicted angle], plus the radius of a label."""
 _MIN_RADIUS = 1.5
 """Dots with a smaller radius than this cannot be fitted [pixels]."""
 
@@ -41,7 +43,7 @@ class AngleFrame:
     """Measurement of N rotors in a picture; values of hidden rotors are NaN."""
 
     delay: float
-    """Time from the start of the exposure to the time of the angles [s]."""
+    """Time from the start of the exposure of the picture to the time of the angles [s]."""
     angles: Array
     """Unwrapped angles phi [rad], (N,)."""
     deviations: Array
@@ -53,7 +55,8 @@ class AngleFrame:
     frame_dots: Array
     """Centres of the dots of the frame markers [pixels], (K, 2)."""
     status: str
-    """Reason why rotors are hidden, or warning about the print scale; empty without either."""
+    """Reason why rotors are hidden, or warning that the sizes of the frame markers do not match
+    their distances; empty if there is neither."""
 
     @property
     def seen(self) -> int:

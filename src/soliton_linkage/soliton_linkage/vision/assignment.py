@@ -28,8 +28,8 @@ _MAX_BOND_COST = 12.0
 """Largest cost of a wrong bond length [1]. Without this limit, the next rotor would count as
 hidden if one rotor were assigned a wrong dot."""
 _PIVOT_COST = 8.0
-"""Additional cost of a dot at the position of any pivot [1]. Such a dot is probably the dot of
-this pivot; about one in fifty is the dot of a mass."""
+"""Additional cost of a dot at the position of any pivot [1]. Pivots carry dots too, so that such a
+dot is the dot of a mass only with a probability of about p = 1/50: -2 log p = 8."""
 _MAX_LENGTH_ERROR = 4.0
 """A dot is a candidate for a rotor only if the error of its distance from the pivot is smaller
 than this [standard deviations]."""
@@ -59,10 +59,11 @@ def assign_dots(
 ) -> NDArray[np.intp]:
     """Return the number of the dot on the mass of each rotor, or `HIDDEN`, (N,).
 
-    `points`, (2, K, 2), contains two positions of each of K dots [m]: the first one is valid if
-    the dot is at the height of the even rotors, and the second one if it is at the height of the
-    odd rotors. `point_deviations`, (K,), are the standard deviations of the positions [m].
-    `colour_costs` is the field of `Dots`.
+    A dot in a picture has a position (x, z) only for a given height above the plane of the frame
+    markers (see `MarkerSettings`). Therefore `points`, (2, K, 2), contains two positions of each
+    of K dots [m]: the first one for the height of the even rotors, and the second one for the
+    height of the odd rotors. `point_deviations`, (K,), are the standard deviations of the
+    positions [m]. `colour_costs`, (K, C), are the costs of the C `COLOURS` for each dot [1].
     """
     rotors = len(predicted.pivots)
     if not points.shape[1]:

@@ -31,8 +31,8 @@ _MAX_ITERATIONS, _TOLERANCE = 50, 1e-6
 """The inversion of the lens model ends after this number of iterations [1], or when a step is
 smaller than this [pixels]. After 5 iterations, errors at wide angles are still 0.8 pixels."""
 _MIN_PICTURES, _MAX_PICTURES = 3, 60
-"""Smallest and largest number of pictures for a calibration [1]; with fewer pictures, effects of
-focal lengths and distortion cannot be separated."""
+"""Smallest and largest number of pictures for a calibration [1]. With fewer pictures, effects of
+focal lengths and distortion cannot be separated. Further pictures are ignored."""
 _MIN_MOVE = 0.02
 """A picture is used for the calibration if the corners of the chessboard have moved, on average,
 by at least this times the width of the picture since the last used picture [1]."""
@@ -77,7 +77,10 @@ class Camera:
 
     @property
     def middle_delay(self) -> float:
-        """Time from the start of the exposure to the mid-exposure of the middle row [s]."""
+        """Time from the start of the exposure to the mid-exposure of the middle row [s].
+
+        The exposure of a picture starts with its first row.
+        """
         return self.exposure / 2 + self.row_time * self.height / 2
 
     def checked_grey(self, picture: Picture) -> Picture:
@@ -118,7 +121,11 @@ class Camera:
 
 
 def uncalibrated_camera(width: int, height: int) -> Camera:
-    """Return a camera without distortion, given the width and height of pictures [pixels]."""
+    """Return a camera without distortion, given the width and height of pictures [pixels].
+
+    The principal point is the middle of the picture. Both focal lengths are the larger one of
+    width and height.
+    """
     focal = float(max(width, height))
     return Camera(width, height, (focal, focal), ((width - 1) / 2, (height - 1) / 2))
 

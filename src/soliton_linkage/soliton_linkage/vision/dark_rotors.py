@@ -35,8 +35,10 @@ _MAX_PIVOT_SHIFT = 0.35
 _ITERATIONS = 3
 """Number of iterations in the fit of a direction [1]; each reduces the error at least tenfold."""
 _RANK_TOLERANCE = 1e-3
-"""The fit of the line of the pivots neglects singular values below this times the largest one [1].
-Therefore it does not estimate the arm length if all arms end at nearly the same height."""
+"""The fit of the line through the pivots also estimates by how much the pivots lie beyond the ends
+of the bars, relative to half the bar length. The fit neglects singular values below this times the
+largest one [1]. Therefore, if all bars are nearly parallel to the line, the pivots remain at the
+ends of the bars."""
 _MIN_NOISE = 0.3
 """Lower limit of the noise of a pixel [grey levels], due to the rounding of grey levels."""
 _MAX_MEASUREMENTS = 1000

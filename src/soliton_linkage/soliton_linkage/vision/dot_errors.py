@@ -9,17 +9,19 @@ dot with repeated pixels may therefore have moved by a small distance (dead zone
 dead zone, the errors are estimated from fast dots: true angles vary smoothly, so that the sixth
 divided differences of the angles contain only errors. Let s^2 be the error variance of resting
 dots, e^2 the error variance of moving dots, and t the typical number of successive repetitions. A
-dot that has not moved since the first picture, and was repeated n times, has the error variance
+dot that has not moved since the first picture, and was repeated n times in succession, has the
+error variance
 
-    s^2 + (e^2 - s^2) / (1 + n / t).
+    s^2 + (e^2 - s^2) / (1 + n / t),
 
-A dot that has moved keeps the error variance e^2 while its pixels are repeated, because repeated
-pixels repeat the error of the moving dot.
+because a dot whose pixels are repeated more often is more probably at rest. A dot that has moved
+keeps the error variance e^2 while its pixels are repeated, because repeated pixels repeat the
+error of the moving dot.
 
 The error of a fitted centre also depends on the position of the dot on the grid of pixels. While a
 dot rests, this error is constant, so that changes of the distance from the pivot do not contain
-it. Therefore the variance of this error, which is estimated from the frame markers, is added to
-s^2.
+it. The variance of this error is therefore estimated from the frame markers: their dots deviate
+from the known shape of a marker. In the formula, s^2 includes this variance.
 """
 
 from __future__ import annotations
@@ -39,22 +41,22 @@ _PRIOR_WEIGHT = 30.0
 """In an estimate, the expected mean square has the weight of this number of measured
 values [1]."""
 _MAX_VALUE = 5.0
-"""Values larger than this times the root mean square are limited or ignored [1], because they may
-belong to another dot."""
+"""Largest value of a measurement, relative to the root mean square [1]. Larger ones may belong to
+another dot; `FadingMeanSquare.add` ignores them, and `add_weighted` reduces them to this limit."""
 _MOVING = 0.1
 """A dot counts as moving if its displacement between two pictures exceeds this [pixels], which is
-ten times the noise."""
+ten times the typical error of a centre due to pixel noise."""
 _CODED_ERROR = 0.02
 """In a video with a dead zone, moving dots are assumed to have at least this error before fast
 dots have been observed [pixels]. Codecs ignore displacements of up to 0.02 to 0.1 pixels.
-Sensitivity in the first second: at 0.5x, errors are up to 1.4 times the stated standard
-deviations; at 2x, they are 0.4 to 0.7 times the stated ones."""
+Sensitivity in the first second: at half this value, errors are up to 1.4 times the stated standard
+deviations; at twice this value, they are 0.4 to 0.7 times the stated ones."""
 _ORDER = 6
-"""Order of divided differences [1]; at this order, the contribution of the smooth motion decreases
-to a thousandth."""
+"""Order of divided differences [1]. At this order, an oscillation of a dot contributes less than a
+thousandth of its amplitude if there are 11 or more pictures per period."""
 _RECORDED_STEP = 0.4
-"""Every usable video records a displacement of this size between two pictures [pixels]. Smaller
-displacements may be lost in the dead zone."""
+"""A usable video never loses displacements between two pictures that are larger than this
+[pixels]. Smaller displacements may be lost in the dead zone."""
 
 
 def _faded(total: float) -> float:
@@ -68,7 +70,10 @@ class FadingMeanSquare:
         self._squares = self._count = 0.0
 
     def add(self, values: Array, expected: float = 1.0) -> None:
-        """Add the values of one picture, (K,), except for outliers."""
+        """Add the values of one picture, (K,), except for those beyond `_MAX_VALUE`.
+
+        `expected` is the mean square that is expected before any measurement (see `value`).
+        """
         # The comparison also excludes NaN.
         valid = values[values**2 < _MAX_VALUE**2 * self.value(expected)]
         self._squares = _faded(self._squares) + float(valid @ valid)
@@ -178,7 +183,10 @@ class DeadZone:
         return self._since < MEMORY
 
     def add_repeated(self, repeated: NDArray[np.bool_], seen: NDArray[np.bool_]) -> None:
-        """Add a picture, given which dots are repeated and which are visible, (N,) each."""
+        """Count repetitions in a picture, given which dots are repeated and visible, (N,) each.
+
+        For each picture, both `add_repeated` and `add` are called.
+        """
         ended = self.repeats[(self.repeats > 0) & ~repeated & seen]
         self._log_repeats = _faded(self._log_repeats) + float(np.log(ended).sum())
         self._ended = _faded(self._ended) + len(ended)
@@ -186,7 +194,7 @@ class DeadZone:
         self._since = 0 if repeated.any() and (seen & ~repeated).any() else self._since + 1
 
     def add(self, dots: DotMeasurements, jumps: float) -> None:
-        """Add the dots of a picture; `jumps` is an argument of `variances`."""
+        """Update the errors of moving dots with a picture; for `jumps`, see `variances`."""
         self._first = np.where(np.isnan(self._first), dots.angles, self._first)
         self._moved |= np.abs(dots.angles - self._first) * dots.pixels_per_radian > _RECORDED_STEP
         self._times = np.append(self._times[1:], dots.time)

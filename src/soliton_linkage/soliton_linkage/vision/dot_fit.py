@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Least-squares fit of dots to pixels, with the covariances of the centres.
 
-A model of a dark dot, with centre p and radius R, is fitted to the grey levels I of the pixels x:
+A dot is dark and lies in the middle of a white disc, the label. A model of a dot, with centre p
+and radius R, is fitted to the grey levels I of the pixels x:
 
     I(x) = (1 + g (x - p)) (w - c T(x - p)),
     T(y) = mean_k erfc((|S (y - s_k)| - R) / (b sqrt 2)) / 2,
@@ -33,13 +34,14 @@ _RADII = (0.7, 1.4)
 _PARAMETERS = 8
 """Number of fitted parameters: w, c, g (2), p (2), R and b."""
 _LABEL_MARGIN = 1.4
-"""Width of the excluded margin of a label [pixels]; it is more than twice the blur."""
+"""Width of the excluded margin of a label [pixels]; it is more than twice `_BLUR`."""
 _MAX_DISTANCE = 4.0
 """Only pixels up to this distance outside the edge of the dot are fitted [pixels]."""
 _MAX_ITERATIONS = 6
 """Largest number of iterations [1]; it suffices for initial errors of less than a pixel."""
 _TOLERANCE = 3e-4
-"""The fit ends when a step of the centre is below this [pixels], which is 1 % of the noise."""
+"""The fit ends when a step of the centre is below this [pixels]. The remaining error is then less
+than 1 % of the error due to pixel noise."""
 _MAX_STEP = 0.7
 """Longest step of the centre [pixels]; over longer steps, the model is not linear."""
 _OFFSETS = 5
@@ -120,8 +122,9 @@ def normal_loop(
 ) -> tuple[float, float]:
     """Compute the normal equations; return the sums of weighted squared residuals and of weights.
 
-    The equations are stored in `normal` and `right`. If `last`, the matrix for squared weights,
-    from which the covariance is computed, is stored in `squared`.
+    The weight of a pixel is 1 in the fitted area, and decreases to 0 within one pixel at the edge
+    of this area. The equations are stored in `normal` and `right`. If `last`, the same matrix with
+    squared weights is stored in `squared`, for the covariance.
     """
     height, width = grey.shape
     white, contrast, by_column, by_row, x0, y0, radius, blur = state

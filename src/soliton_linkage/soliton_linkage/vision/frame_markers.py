@@ -60,11 +60,13 @@ class PlacingErrors:
 _MAX_PICTURES = 1000
 """Largest number of averaged pictures, so that the mean follows slow motions of the frame."""
 _FIT_PERIOD = 30
-"""Number of first pictures in each of which the plane is fitted, and later the number of pictures
-from one fit to the next."""
+"""Let n be the number of averaged pictures. The plane is fitted in each picture while n is smaller
+than this, and later whenever n is a multiple of this. When n has reached `_MAX_PICTURES`, there
+are no more fits until the markers are detected again."""
 _MOTION_THRESHOLD = 6.0
-"""The camera counts as moved if the mean shift of the dots is larger than this [standard
-deviations] and also larger than `_MIN_MOTION`."""
+"""The camera may have moved if the mean shift of the dots from their averaged centres is larger
+than this [standard deviations of this mean] and also larger than `_MIN_MOTION`. The markers are
+then detected again."""
 _MIN_MOTION = 0.1
 """Smallest shift that counts as a camera motion [pixels]; flickering lamps shift dots by less."""
 _MIN_OUTLIER = 0.5
@@ -122,7 +124,10 @@ class FrameMarkers:
 
     @property
     def centres(self) -> Array:
-        """Centres of the K known dots, averaged over the pictures [pixels], (K, 2)."""
+        """Centres of those K dots that were visible when the markers were last detected, (K, 2).
+
+        The centres [pixels] are averaged over the pictures since this detection.
+        """
         return self._centres[self._known]
 
     def update(self, grey: Picture) -> bool:
@@ -231,7 +236,11 @@ class FrameMarkers:
 
 
 def _print_scale(plane: ChainPlane, pixels: Array, printed: Array) -> float:
-    """Return the ratio of size to distance of M markers, (M, 4, 2), relative to `printed` [1]."""
+    """Return the size of M markers divided by their distances, relative to the layout [1].
+
+    `pixels` and `printed`, (M, 4, 2), are the same corners or dots of the markers in the picture
+    [pixels] and in the layout [m].
+    """
     if len(pixels) < 2:
         return 1.0
     size, distance = np.divide(_spreads(plane.points(pixels)), _spreads(printed))

@@ -101,7 +101,10 @@ class MarkerLayout:
 
     @cached_property
     def heights(self) -> Array:
-        """Heights of dots above the plane of the frame markers, towards the camera [m], (N,)."""
+        """Height of both dots of each rotor (mass, pivot) above the plane of the frame markers.
+
+        Heights are positive towards the camera [m], (N,).
+        """
         odd = np.arange(self.chain.number_of_rotors) % 2
         return np.where(odd, self.settings.odd_height, self.settings.even_height)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures on which markers, names of rotors, and walls are drawn."""
+"""Pictures on which markers, names of rotors, and walls (kinks and anti-kinks) are drawn."""
 
 from __future__ import annotations
 
@@ -15,13 +15,16 @@ from soliton_linkage.vision.angle_camera import AngleFrame
 from soliton_linkage.vision.opencv import Picture, opencv
 
 _FONT_SIZE = 1 / 1800
-"""Font size, relative to the width of the picture [1/pixel]; it is readable at 1280 pixels."""
+"""Font scale of OpenCV, divided by the width of the picture [1/pixel]. Letters are readable in
+pictures with a width of 1280 pixels."""
 _SHADOW = (20, 20, 20)
 """Colour (blue, green, red) of the shadow of letters, for contrast on any background."""
 _WALL_LENGTH = 1.35
 """Half length of the line that marks a wall, relative to the rotor length [1]."""
 _NAME_DISTANCE = 0.95
-"""Distance of a rotor's name from its pivot, outside the label, relative to the spacing [1]."""
+"""Distance of a rotor's name from the pivot, relative to the spacing [1]. The name is on the side
+of the pivot that is opposite to the mass, and below the pivot if the mass is hidden. At this
+distance, it does not cover the label of the pivot."""
 _WALL_DEVIATIONS = 2.0
 """Half width of the band around a wall [standard deviations]."""
 _OPACITY = 0.35

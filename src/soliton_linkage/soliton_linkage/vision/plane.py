@@ -4,9 +4,10 @@
 Heights h above the plane are positive towards the camera. The ray from the camera to the point (x,
 z) at the height h is
 
-    g1 x + g2 z + g3 + h g1 x g2    (cross product),
+    x g1 + z g2 + g3 + h n,    n = c / sqrt(|c|),    c = cross(g1, g2),
 
-with the axes g1 and g2 of the plane (unit vectors if the lens is calibrated) and its origin g3.
+with the axes g1 and g2 of the plane and its origin g3. The product of the lengths of g1 and g2 is
+1. If the lens is calibrated, g1 and g2 are perpendicular unit vectors, and n = c.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ class ChainPlane:
 
     @cached_property
     def _normal(self) -> Array:
-        """Vector g1 x g2, which points towards the camera, scaled to the length of g1 and g2."""
+        """Normal n of the plane, which points towards the camera (see the module)."""
         normal = np.cross(self.columns[:, 0], self.columns[:, 1])
         return np.asarray(normal / np.linalg.norm(normal) * np.sqrt(np.linalg.norm(normal)))
 

@@ -124,7 +124,10 @@ class RotorTracks:
     def unwrap(self, times: Array, angles: Array) -> Array:
         """Return the `angles` [rad], (N,), plus the whole turns that the rotors have made.
 
-        In a spinner, a rotor that was hidden for long is assumed to turn as its neighbours do.
+        The number of turns brings the result as near as possible to the predicted angle. If the
+        prediction is too uncertain (see `_MAX_DEVIATION`), the last measured angle of the rotor is
+        used instead of it. In a chain with `Motion.SPINNER`, the mean angle of the nearest rotor
+        with known turns on each side is used instead.
         """
         expected, deviations = self.predict_angles(times)
         known = np.isfinite(angles) & (deviations < _MAX_DEVIATION)

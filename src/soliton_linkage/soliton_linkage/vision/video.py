@@ -26,10 +26,11 @@ _MEMORY = 31
 _PERCENTILE = 75
 """This percentile of the recent intervals is used as the typical interval [%]."""
 _CUT = 3.0
-"""A film counts as incomplete if the time that is missing at its end is longer than this times the
-longest interval between pictures [1]."""
+"""A video file counts as incomplete if the time from its last picture to its stated end is longer
+than this times the longest interval between pictures [1]."""
 _SOUND = 1.0
-"""Largest time by which the sound may be longer than the pictures of a film [s]."""
+"""Time by which the sound of a video file may be longer than its pictures [s]. It is added to the
+limit of `_CUT` if a file with sound does not state the duration of the pictures."""
 _SYNC, _PACKET = b'G', 188
 """First byte and length [bytes] of each packet of an MPEG transport stream."""
 
@@ -178,7 +179,10 @@ def write_video(
 def _checked(
     path: Path, pictures: Iterator[TimedPicture], length: float, slack: float
 ) -> Iterator[TimedPicture]:
-    """Yield the pictures of a film; raise ValueError if the film is incomplete."""
+    """Yield the pictures of a video file; raise ValueError if it is incomplete.
+
+    `length` is the stated duration [s], and `slack` [s] is added to the limit of `_CUT`.
+    """
     last, interval = 0.0, 0.0
     for taken in pictures:
         last, interval = taken.time, max(interval, taken.time - last)
