@@ -437,3 +437,15 @@ def test_two_walls_in_waves_with_a_wrong_reading_are_analysed():
         analysis = analyser.analyse(4_000_000 * frame, angles)
         assert analysis is not None
         assert len(analysis.solitons) == 2
+
+
+def test_the_error_of_the_rest_angle_has_the_same_sign_upside_down():
+    chain = CHAINS['flipper']
+    leaning = replace(chain, rest_angle=chain.rest_angle + 0.01)
+    walls = np.array([static_wall(leaning, site) for site in np.linspace(3, 12, FEW)])
+    angles = walls + NOISE * np.random.default_rng(3).standard_normal(walls.shape)
+    for seen in (angles, math.pi - angles):
+        analyser = Analyser(chain, NOISE)
+        for stamp, frame in zip(stamps(FEW), seen, strict=True):
+            analyser.analyse(stamp, frame)
+        assert analyser.diagnostics.rest_angle_error == pytest.approx(0.01, abs=0.003)

@@ -141,13 +141,14 @@ class Analyser:
         if made is None:
             rotors = self.chain.number_of_rotors
             return AnalyserDiagnostics(np.zeros(rotors), np.full(rotors, math.nan), *late)
+        error = made.offsets.rest_angle_error
         return AnalyserDiagnostics(
             made.offsets.corrections,
             made.offsets.deviations,
             *late,
             made.starts,
             math.sqrt(made.jitter.variance),
-            made.offsets.rest_angle_error,
+            -error if made.estimate.upside_down else error,
         )
 
     def analyse(

@@ -122,7 +122,7 @@ class EncoderOffsets:
     def rest_angle_error(self) -> float:
         """Estimate of D, the common error of the rest angles [rad]; 0 if insignificant.
 
-        The module docstring defines D. If the chain is upside down, the result is -D.
+        The module docstring defines D. In a chain that is upside down, the result is -D.
         """
         signs = np.where(np.arange(len(self.means)) % 2, -1.0, 1.0) * np.array([[1.0], [-1.0]])
         seen = self.weights > 0
