@@ -38,7 +38,11 @@ class BagReader:
     """
 
     def __init__(self, path: Path, limits: BagLimits) -> None:
-        """Open the bag. Raises errors of several types if the bag is damaged or too large."""
+        """Open the bag.
+
+        If the bag is damaged or exceeds `limits`, this raises errors of many types, for example
+        ValueError, OSError and sqlite3.Error. `open_bag` converts all of them to ValueError.
+        """
         self.path = path
         self._limits = limits
         self._files: list[_File] = []

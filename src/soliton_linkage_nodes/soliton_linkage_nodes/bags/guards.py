@@ -22,8 +22,9 @@ from soliton_linkage.linkage.quantities import quantity
 _MEBIBYTE = 2**20
 """Size of 1 MiB [B]."""
 _LARGEST_RATIO = 25
-"""Accepted ratio of decompressed to compressed size of a file [1], even if the decompressed file
-exceeds `max_unpacked_file`. The ratio is 10 in bags of a chain at rest."""
+"""Ratio of decompressed to compressed size that is accepted for every file [1]. A file with a
+larger ratio is accepted if its decompressed size is at most `BagLimits.max_unpacked_file`. The
+ratio is 10 in bags of a chain at rest."""
 
 
 @dataclass(frozen=True)

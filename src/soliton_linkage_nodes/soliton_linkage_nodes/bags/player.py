@@ -97,12 +97,16 @@ _HELP = 'space: pause; right: next message; up, down: faster, slower'
 class BagPlayer(ManagedNode):
     """Node that publishes the messages of a bag at the intervals of their receive times.
 
-    First, the node publishes the last latched messages from before the start, and it waits for
-    subscribers of the topics in `wait_for`. In lockstep, a frame waits until the analyser has
-    answered earlier frames, and recorded soliton states are not published. Without lockstep,
-    recorded states are not published while an analyser runs, unless `topics` names them. The
-    player skips the times in which the recorder was paused. At the end of the bag the node ends,
-    unless the playback is paused or `stay` is set.
+    First, the node waits for subscribers of the latched topics in `wait_for`, and publishes the
+    last latched messages from before the played interval. It then waits for subscribers of the
+    other topics in `wait_for`, and plays the interval. The player skips the times in which the
+    recorder was paused, and gaps longer than `longest_gap`. At the end of the interval the node
+    ends, unless the playback is paused, or `loop` or `stay` is set.
+
+    In lockstep, a frame waits until fewer than `lockstep_window` earlier frames lack an answer of
+    the analyser. Recorded soliton states are then not published, but recorded soliton events are.
+    Without lockstep, recorded states and events are not published while an analyser publishes
+    them, unless `topics` names them.
 
     The node publishes the topics of the bag, `/diagnostics` and, with `publish_clock`, `/clock`.
     It serves `~/pause`, `~/resume`, `~/toggle_paused`, `~/is_paused`, `~/play_next`, `~/burst`,
@@ -169,7 +173,7 @@ class BagPlayer(ManagedNode):
 
     @property
     def finished(self) -> bool:
-        """Whether the bag was played to its end and the parameter `stay` is not set."""
+        """Whether the playback has reached its end or failed, and `stay` is not set."""
         return self.configured and self._playing.finished and not self._settings.stay
 
     @property

@@ -166,7 +166,10 @@ def message_class(type_name: str) -> Any:
 
 
 def _has_types(package: str, kind: str) -> bool:
-    """Search a package without importing it, because an untrusted bag may name any package."""
+    """Return whether a package contains types of a kind: 'msg', 'srv' or 'action'.
+
+    The package is not imported, because an untrusted bag may name any package.
+    """
     if f'{package}.{kind}' in sys.modules:
         return True
     found = PathFinder.find_spec(package) if package.isidentifier() else None

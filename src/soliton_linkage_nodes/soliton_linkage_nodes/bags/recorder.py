@@ -108,12 +108,16 @@ class BagRecorder(ManagedNode):
 
     @property
     def lost(self) -> int:
-        """Number of messages that were published during the recording but are not in the bag."""
+        """Number of messages that were lost, as `ReceivingThread.losses` defines it."""
         return sum(self._receiving.losses.values())
 
     @property
     def missed(self) -> int:
-        """Number of messages that publishers sent before the recorder was connected to them."""
+        """Number of messages sent before the recorder was connected to their publisher.
+
+        Only messages that were sent after the start of the recorder are counted. They are not
+        included in `lost`.
+        """
         return sum(self._receiving.missed.values())
 
     @property

@@ -67,7 +67,10 @@ class StoredTopic:
 
     @property
     def type_is_lost(self) -> bool:
-        """Whether the topic has a message type, but the name of the type is unknown."""
+        """Whether the name of the message type is unknown, although the topic has a type.
+
+        For example, its channel in a damaged MCAP file refers to a schema that is lost.
+        """
         return not self.type_name and bool(self.definition_format)
 
 

@@ -32,7 +32,7 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 from soliton_linkage_nodes.runtime.subscriptions import StreamSubscription
 
 _MOST_CAMERAS = 63
-"""Largest number of a camera on Linux [1]."""
+"""Largest device number of a camera on Linux [1], as in /dev/video63."""
 _LONGEST_STATE_AGE = 1.0
 """Largest age of a `soliton_state` that is drawn into the pictures [s]."""
 _STOP_LIMIT = 5.0

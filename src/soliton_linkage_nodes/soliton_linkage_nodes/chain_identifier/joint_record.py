@@ -63,9 +63,11 @@ class JointRecord:
         return len(self._angles)
 
     def add(self, joints: JointStates) -> None:
-        """Add a message, and store each frame that needs no further message.
+        """Add a message, and store the frames that are complete or have ended with this message.
 
-        Late frames are not stored. Raises ValueError if the message or a frame is invalid.
+        A frame may consist of several messages with equal stamps and different joints. A frame is
+        ignored if its stamp is not later than the stamps of all stored frames. Raises ValueError
+        if the message or a frame is invalid.
         """
         for frame in self._assembler.add(joints):
             self._keep(frame)

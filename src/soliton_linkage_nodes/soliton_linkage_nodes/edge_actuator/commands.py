@@ -112,8 +112,9 @@ class Commands:
     def nudge(self, source: str, message: Float64) -> None:
         """Apply a kick at the edge that the parameter `nudge_edge` selects.
 
-        If the parameter `nudge_as` is 'pressure', a pressure with the same impulse is applied
-        instead.
+        The value of the message is the change of the speed along the unit zero mode [rad/s]. If
+        the parameter `nudge_as` is 'pressure', a constant pressure is commanded to the actuator
+        for `nudge_duration` instead. It causes the same impulse.
         """
         kick = EdgeCommand(Edge(self.settings.nudge_edge), CommandKind.KICK, message.data)
         if self.settings.nudge_as == CommandKind.KICK.value:
@@ -135,7 +136,11 @@ class Commands:
             self._play(source, command, command.waveform)
 
     def joint_commands(self, source: str, message: JointState) -> None:
-        """Apply constant torques to the joints that the message names."""
+        """Apply constant torques to the joints that the message names.
+
+        The torque of a joint ends at the next command for this joint, or after `command_timeout`.
+        The torques of all other joints do not change.
+        """
         chain = self._ready()
         rotors, torques = conversions.efforts_from_msg(chain.joints, source, message)
         self._check_made(message.header.stamp)
@@ -143,7 +148,10 @@ class Commands:
         chain.driver.hold(source, rotors, torques)
 
     def efforts(self, source: str, message: Float64MultiArray) -> None:
-        """Apply constant torques to all joints with an actuator."""
+        """Apply constant torques to all joints with an actuator.
+
+        The torque of a joint ends at the next command for this joint, or after `command_timeout`.
+        """
         chain = self._ready()
         rotors, torques = conversions.efforts_from_array(chain.joints, source, message)
         self._frames.check_fresh()
@@ -152,8 +160,9 @@ class Commands:
     def trajectory(self, source: str, message: JointTrajectory) -> None:
         """Apply torques to joints, interpolated linearly between the points of a trajectory.
 
-        A trajectory without points ends the torques of the joints that it names. If it names no
-        joint, it ends all torques.
+        The torques of the last point are held for `command_timeout`. A trajectory without points
+        ends the torques of the joints that it names. If it names no joint, it ends the torques of
+        all joints.
         """
         chain = self._ready()
         if not message.points:

@@ -23,8 +23,8 @@ class LatestFrames:
     def __init__(self, longest: float, watch: Callable[[int, Array], None]) -> None:
         """Create a store without frames.
 
-        A frame is rejected if the latest message arrived more than `longest` [s] ago. When a frame
-        is read for the first time, `watch` is called with its stamp [ns] and angles [rad].
+        The latest frame cannot be read if it arrived more than `longest` [s] ago. When a frame is
+        read for the first time, `watch` is called with its stamp [ns] and angles [rad].
         """
         self.freshness = Freshness(longest)
         self.taken = 0

@@ -71,10 +71,11 @@ class SerialEncoders(ManagedNode):
     """Node that publishes angles from a microcontroller and commands the torques of its valves.
 
     The node publishes the angles in `joint_states` [rad] with the time of the measurement as
-    stamp. The angles of missing rotors are NaN. Before each frame the node publishes the impulses
-    of the valves in `delivered_impulses` [N m s]. It also publishes `/diagnostics` and, if
-    parameters describe the chain, `chain`. It subscribes to `rotor_torques` [N m]. If the chain
-    has feedback, the torques of the feedback are added to these torques.
+    stamp. The angles of missing rotors are NaN. The node subscribes to `rotor_torques` [N m]. If
+    the chain has feedback, the node computes feedback torques from the measured angles and adds
+    them to these torques. Before each frame the node publishes the impulses of `rotor_torques`,
+    without the feedback, in `delivered_impulses` [N m s]. It also publishes `/diagnostics` and, if
+    parameters describe the chain, `chain`.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {

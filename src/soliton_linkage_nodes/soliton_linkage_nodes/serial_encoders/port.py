@@ -22,7 +22,8 @@ from soliton_linkage_nodes.runtime.pacing import raise_priority
 _READ_TIMEOUT = 0.1
 """Interval at which the thread checks whether it must stop [s]."""
 _WRITE_TIMEOUT = 0.05
-"""Longest duration of the transmission of a command [s], half of the default of `hold`."""
+"""Longest duration of the transmission of a command [s], half of the default of the parameter
+`valves.hold`."""
 _REOPEN_INTERVAL = 0.2
 """Time between two attempts to reopen a lost port [s]."""
 _READ_SIZE = 2**16

@@ -101,8 +101,8 @@ class Valves:
     def feed_back(self, torques: Array, now: float) -> None:
         """Set the feedback torques [N m], shape (N,), that begin at the time `now` [s].
 
-        They are added to the torques of the method `hold`. They end after the time that the
-        parameter `hold` specifies.
+        They are added to the torques that `Valves.hold` sets. They end after the time
+        `ValveParameters.hold`, unless this method is called again.
         """
         self._feedback, self._feedback_until = torques, now + self._parameters.hold
 

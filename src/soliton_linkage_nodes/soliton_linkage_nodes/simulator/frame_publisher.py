@@ -25,9 +25,10 @@ from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
 class SensedJoints:
     """Serialized joint states with the errors of simulated encoders.
 
-    Joints without an encoder are omitted. The angles include the known encoder offsets and the
-    errors of the encoders. The angular velocities include only the errors of the encoders. The
-    torques are exact.
+    Joints without an encoder are omitted. The angles include the errors of the encoders and the
+    known encoder offsets. These are the offsets in the topic `chain`, which receivers subtract
+    from the angles. The angular velocities include only the errors of the encoders. The torques
+    are exact.
     """
 
     def __init__(

@@ -158,7 +158,10 @@ class Simulator(ManagedNode):
 
     @property
     def frame_rate(self) -> float:
-        """Rate of the frames [Hz], infinite if the real-time factor is 0."""
+        """Frames per second of real time [Hz], as the real-time factor specifies.
+
+        The value is infinite if the factor is 0, which means as fast as possible.
+        """
         return self.loop.rate if self.configured else math.inf
 
     @property
@@ -234,7 +237,7 @@ class Simulator(ManagedNode):
         self.loop.rate = self._pace(self.get_parameter('real_time_factor').value)
 
     def _pace(self, real_time_factor: float) -> float:
-        """Return the frames per second of real time [Hz], infinite at a real-time factor of 0."""
+        """Return the frames per second of real time [Hz]; infinite for the factor 0 (no limit)."""
         if real_time_factor == 0:
             return math.inf
         return max(real_time_factor, _SLOWEST) * self.settings.publish_rate
@@ -260,9 +263,9 @@ def main() -> None:
 
 
 _FRAMES_OVERDUE = 3
-"""The report warns if more than this number of frames were due since the last report and none was
-published [1]. In normal operation, up to 3 frames may be due: one at each end of the interval, and
-a late one."""
+"""The report warns if no frame was published since the last report although more than this number
+of frames were due [1]. At low frame rates, up to 3 due frames may be missing without a fault: one
+at each end of the interval, and a late one."""
 
 
 class SimulationReport:

@@ -258,7 +258,9 @@ _MISFIT_OVER_NOISE = 3.0
 """The node warns of a misfit only if the misfit exceeds this number times the noise of the angles
 [1]."""
 _CONTRADICTION_CONFIDENCE = 0.999
-"""Confidence above which the node warns of a motion class that contradicts the parameters [1]."""
+"""The node warns if the angles show another motion class than the parameters specify, and if the
+probability of the shown class exceeds this value [1]. The classes are flipper, wobbling flipper
+and spinner."""
 
 
 def describe(analysis: JointStateAnalysis, misfit_limit: float) -> tuple[str, bool]:
@@ -310,7 +312,7 @@ def _likely_error(analyser: FrameAnalyser) -> str:
 
 
 def _disagreement(latest: Analysis) -> str:
-    """Return a warning if the measured motion class contradicts the parameters, otherwise ''."""
+    """Return a warning if the angles show another motion class than the parameters, else ''."""
     specified, measured = latest.motion, latest.measured_motion
     certain = measured.confidence > _CONTRADICTION_CONFIDENCE
     shown = measured.motion

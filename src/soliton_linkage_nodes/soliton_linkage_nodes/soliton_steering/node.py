@@ -62,8 +62,8 @@ class SteeredChain:
         self.named = named
         rotors = _rotors(named, settings.actuated_joints)
         self.limitation = ''
-        """Reason why the steering ignores that lengths deviate, or '' if it uses the
-        deviations."""
+        """Reason why the steering ignores the deviations of single rotors and springs from the
+        parameters of the chain, or '' if it uses these deviations."""
         try:
             orbit = orbit_of(named.chain)
         except (ValueError, ArithmeticError) as error:

@@ -65,7 +65,10 @@ class BagPlayerParameters:
 
 @dataclass(frozen=True)
 class PlaybackRange:
-    """Played interval from `start` to `end` of a bag that lasts from `origin` to `last` [ns]."""
+    """Played interval [`start`, `end`) of a bag that covers the interval [`origin`, `last`).
+
+    All four are receive times [ns since 1970].
+    """
 
     start: int
     end: int
@@ -78,11 +81,12 @@ class PlaybackRange:
         return (self.last - self.origin) / SECOND
 
     def part(self, offset: int, duration: int, until: int) -> PlaybackRange:
-        """Return an interval that begins at `offset` after the start of the bag [ns].
+        """Return an interval that begins at the time `offset` after the start of the bag [ns].
 
-        Two limits are possible: the time `until` [ns], and the `duration` of the interval [ns]. If
-        both are given, the later one applies, as in rosbag2. An argument that is not positive is
-        ignored. Raises ValueError if the interval is empty.
+        The interval ends after its `duration` [ns] or at the receive time `until` [ns since 1970].
+        If both are given, the later end applies, as in rosbag2. If neither is given, the interval
+        lasts to the end of the bag. An argument that is not positive counts as not given. Raises
+        ValueError if the interval is empty.
         """
         start = self.origin + max(offset, 0)
         ends = [start + duration + 1] if duration > 0 else []
@@ -126,7 +130,10 @@ def find_topics(reader: BagReader, names: Sequence[str]) -> list[StoredTopic]:
 
 
 def full_name(reader: BagReader, name: str) -> str:
-    """Return the full name of the topic whose name ends in '/<name>'; '' without such a topic."""
+    """Return the full name of the topic whose name ends in '/<name>'; '' without such a topic.
+
+    Raises ValueError if several topics have such names, for example in two namespaces.
+    """
     ends = (each.name.rpartition('/')[2] for each in reader.topics)
     return types_of_topic(reader, name)[0].name if name in ends else ''
 
@@ -134,11 +141,14 @@ def full_name(reader: BagReader, name: str) -> str:
 class PlaybackThread:
     """Thread that publishes each message of a bag when it is due.
 
-    The thread first waits for subscribers of the latched topics among `awaited`. It publishes the
-    last latched messages from before the played interval. It then waits for subscribers of the
-    other topics and, in lockstep, for the analyser. `finished` is true after the playback has
-    reached its end without a stop. `rounds` is the number of times that the interval was started,
-    and `jumps` is the number of seeks.
+    `awaited` lists the topics that must have a subscriber before the playback. The thread first
+    waits for subscribers of the latched topics in `awaited`. It then publishes the last latched
+    messages from before the played interval. Then it waits for subscribers of the other topics in
+    `awaited` and, in lockstep, for the analyser.
+
+    `finished` is true after the playback has reached its end or failed, but not after a stop.
+    `failure` is the error of a failed playback. `rounds` is the number of times that the interval
+    was started, and `jumps` is the number of seeks.
     """
 
     def __init__(
@@ -229,7 +239,10 @@ class PlaybackThread:
         self._progress.end(f'played {self.summary(f" of {self._settings.bag}")}')
 
     def _play_from(self, reader: BagReader, start: int, ahead: dict[str, int]) -> NextAction:
-        """Play from `start` [ns], except for messages whose topic and time `ahead` contains."""
+        """Play from `start` [ns], except for the messages that `_publish_latched` has published.
+
+        `ahead` contains the receive times of these messages by topic [ns].
+        """
         self._clock.start(start)
         before = start
         topics = self._publishers.of(reader.topics)

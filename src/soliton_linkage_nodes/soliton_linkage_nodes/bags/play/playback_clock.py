@@ -26,9 +26,12 @@ class NextAction(Enum):
 class PlaybackClock:
     """Clock of the playback.
 
-    At the time t, the playback time is p = p0 + rate (t - t0) [ns]. Each pause, seek or change of
-    the rate sets p0 and t0 to the present values. If the clock is not `paced`, each message is due
-    immediately, except during a pause.
+    The playback time is the receive time of the messages that are due. At the time t [ns], it is
+    p = p0 + rate (t - t0) [ns]. A change of the rate sets p0 and t0 to the present values of p and
+    t. After a seek, p0 is the requested time. During a pause p is constant, except that a message
+    that is played in this time sets p to its own receive time. After the pause, the playback
+    continues from the reached p. If the clock is not `paced`, each message is due immediately,
+    except during a pause.
     """
 
     def __init__(
@@ -106,7 +109,7 @@ class PlaybackClock:
         """Play `number` messages during a pause. The number 0 means all messages.
 
         Return the number of messages that were played within `longest_burst`. The player plays the
-        others after the return.
+        others after the return. If the number is 0, however, the request is dropped.
         """
         with self._changed:
             return self._step(number or sys.maxsize, self._longest_burst)

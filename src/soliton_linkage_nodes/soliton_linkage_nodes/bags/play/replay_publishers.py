@@ -136,8 +136,8 @@ class ReplayPublishers:
     """Publishers for the messages of a bag. All waits end when `stopping` is set.
 
     A message that was recorded with another definition of its type is converted to the installed
-    definition. If a topic has several types, only messages of its first installed type are
-    published.
+    definition. If a topic has several types, only messages of one type are published: the first
+    installed type in the order of the argument `counts`.
     """
 
     def __init__(

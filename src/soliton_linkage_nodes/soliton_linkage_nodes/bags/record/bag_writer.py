@@ -141,7 +141,11 @@ class BagWriter:
         published: int | None = None,
         sequence: int = 0,
     ) -> None:
-        """Store a serialized message with its receive time `stamp` and its publish time [ns]."""
+        """Store a serialized message with its receive time `stamp` [ns].
+
+        `published` is its publish time [ns]. If it is None, the receive time is stored instead.
+        `sequence` is the sequence number from the publisher, or 0 if it is unknown.
+        """
         with self._naming_the_bag():
             self._split_if_full(stamp)
             self._file.write(topic.number, stamp, serialized, published, sequence)

@@ -141,14 +141,23 @@ class ReceivingThread:
 
     @property
     def losses(self) -> dict[str, int]:
-        """Numbers of messages that were published but are not in the bag, by topic."""
+        """Numbers of lost messages, by topic.
+
+        A message is lost if a connected publisher sent it and the recorder did not receive it. It
+        is also lost if it was dropped because the disk was too slow or a write failed. Messages
+        that were received during a pause, and the messages of `missed`, are not counted.
+        """
         dropped = self._bag.dropped
         lost = {each.source.name: each.gaps.lost for each in self._subscriptions}
         return {name: count + dropped[name] for name, count in lost.items()}
 
     @property
     def missed(self) -> dict[str, int]:
-        """Numbers of messages that were sent before the recorder was connected, by topic."""
+        """Numbers of messages sent before the recorder was connected to their publisher, by topic.
+
+        Only messages that were sent after the start of the recorder are counted. Messages on
+        latched topics are not counted.
+        """
         missed = {each.source.name: each.starts.missed for each in self._subscriptions}
         return {name: number for name, number in missed.items() if number}
 

@@ -34,8 +34,8 @@ class RecordedSubscription:
     ) -> None:
         """Subscribe to `source`.
 
-        Messages that were sent after `wanted_since` [ns] and before the subscription was connected
-        count as missed.
+        `wanted_since` is the start of the recorder [ns]. Messages that were sent after this time
+        and before the subscription was connected count as missed, except on latched topics.
         """
         self.source = source
         self.gaps = SequenceGaps()
@@ -245,9 +245,10 @@ class RecordingBuffer:
         return [] if self._window else self._take_latched()
 
     def snapshot(self) -> list[ReceivedMessage]:
-        """Empty the buffer, and return its messages.
+        """Empty the buffer, and return the messages of the last `snapshot` seconds.
 
-        They include the last message from before the snapshot on each latched topic.
+        The result also includes the last earlier message on each latched topic, unless a previous
+        call has returned it.
         """
         # On a busy machine, messages of different topics may not arrive in order of time.
         recent = [message for message in self._kept if not self._is_old(message)]

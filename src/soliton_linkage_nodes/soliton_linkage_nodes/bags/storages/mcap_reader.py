@@ -22,7 +22,8 @@ _TAIL = mcap.RECORD_HEADER.size + _FOOTER_SIZE + len(mcap.MAGIC)
 _MESSAGE_COST = 250
 """Assumed memory of a message in addition to its data [B]."""
 _MOST_WAITING = 4
-"""Largest memory of the messages in chunks that overlap in time, divided by `max_unpacked` [1]."""
+"""Messages of chunks that overlap in time wait in memory until they can be yielded in order. Their
+memory is limited to this number [1] times `BagLimits.max_unpacked`, the limit for one chunk."""
 _LONGEST_RUN = 2**20
 """Size at which a run of messages outside of chunks ends [B]. A run is read as a whole."""
 _CHUNK_INDEX = struct.Struct('<QQQQ')

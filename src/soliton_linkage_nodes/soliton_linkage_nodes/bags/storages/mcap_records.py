@@ -176,7 +176,11 @@ def attachment_index_record(body: Bytes, offset: int, length: int) -> bytes:
 
 
 def data_is_intact(data: Bytes, end: int) -> bool:
-    """Return whether the first `end` bytes agree with the next checksum; True without checksum."""
+    """Return whether the first `end` bytes agree with the checksum in the DataEnd record.
+
+    This record begins at byte `end`. If its checksum is 0, there is no checksum, and the result is
+    True.
+    """
     begin = end + RECORD_HEADER.size
     checksum = int.from_bytes(data[begin : begin + 4], 'little')
     return not checksum or crc32(data[:end]) == checksum
