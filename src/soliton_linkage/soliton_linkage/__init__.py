@@ -15,12 +15,14 @@ In this example a kick at the first edge sends a soliton through the chain and b
 Each folder imports only from earlier folders in this list: `linkage`, `linear`, `solitons`,
 `orbit`, `dynamics`, `actuation`, `estimation`, `identification`, `steering`, `vision` and
 `microcontroller`. A *wall* is a domain wall: rotors on opposite sides of it lean in opposite
-directions. A *soliton* is a moving wall. The *orbit* is the closed curve of all zero-energy
-configurations. In one *cycle* the chain moves once along the whole orbit.
+directions. A *soliton* is a moving wall; in names of classes and topics, it is any wall, also at
+rest. The *orbit* is the closed curve of all zero-energy configurations. In one *cycle* the chain
+moves once along the whole orbit.
 
 Angles are the angles phi [rad] unless a name contains `staggered`. The last axis of an array is
 the index of the rotor. Docstrings of tuned constants state sensitivities: 0.5x means half the
-value of the constant, and 2x twice its value. The symbols of the equations are:
+value of the constant, and 2x twice its value. The symbols of the equations are as follows; u and v
+have two meanings each:
 
 ========== ======================= ==========================================================
 symbol     name                    meaning
@@ -44,15 +46,16 @@ ell        penetration_depth       decay length of the zero mode from its edge [
 t          zero mode               unit vector with R t = 0
 R          rigidity matrix         derivatives of the spring lengths by the angles [m/rad]
 N_0, N_ss  zero modes, self-stress number of each; N_0 - N_ss = N - number of springs
-omega, k   frequency, wave number  of a phonon [rad/s], [rad/m]; gap omega_0
-c          speed_of_sound          c in omega^2 = omega_0^2 + c^2 k^2 near the gap [m/s]
+omega, k   frequency, wave number  of a phonon [rad/s], [rad/m]; gap omega_0 at k_0
+c          speed_of_sound          omega^2 = omega_0^2 + c^2 (k - k_0)^2 near the gap [m/s]
 Lambda     site_arc                arc length of the orbit per rotor spacing [rad]
-gamma      lorentz_factor          1 / sqrt(1 - v^2 / c^2) of a wall of velocity v
+v          velocity                of a wall [m/s]
+gamma      lorentz_factor          1 / sqrt(1 - v^2 / c^2)
 E_s        energy_scale            half of the energy of an anti-kink at rest [J]
 Q          charge                  +1: kink (leans right on rotor 0's side); -1: anti-kink
 u          displacement            r sin(theta) [m]
 m          order field             +1 where the chain leans right, -1 where it leans left
-X, w       position, width         of a wall m = -tanh((x - X) / w) [m]
+X, w       position, width         of a wall m = -Q tanh((x - X) / w) [m]
 p, u       pressure, command       actual and commanded pressure of a soft actuator [Pa]
 tau        filling, venting time   time constants with which p approaches u [s]
 ========== ======================= ==========================================================

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compilation of loops by numba during import, so that no later call waits for the compiler.
+"""Compilation of loops by numba.
 
-With NUMBA_DISABLE_JIT=1, loops run as Python code. They are then slower, but the results are the
-same up to rounding errors.
+A function whose argument types are given is compiled during import, so that its calls do not wait
+for the compiler. With NUMBA_DISABLE_JIT=1, loops run as Python code. They are then slower, but the
+results are the same up to rounding errors.
 """
 
 from __future__ import annotations
@@ -80,7 +81,8 @@ def compile_loop(
     """Return a compiled function.
 
     If `arguments`, the types of the arguments, is given, the function is compiled at once for
-    these types. Otherwise, it is compiled at its first call.
+    these types. Otherwise, it is compiled at its first call. `fastmath` contains flags for the
+    compiler. If `inlined` is true, the compiler copies the function into its compiled callers.
     """
     options: dict[str, Any] = {
         'fastmath': set(fastmath),
@@ -105,7 +107,7 @@ def compile_loop(
 
 
 def inlined(function: Kernel) -> Kernel:
-    """Return a function that the compiler copies into each compiled function that calls it."""
+    """Return a compiled function that the compiler copies into its compiled callers."""
     return compile_loop(function, inlined=True)
 
 

@@ -133,9 +133,10 @@ def penetration_depth(chain: Chain) -> float:
 def tail_ratio(chain: Chain) -> float:
     """Return the ratio (d - 1) / (d + 1) of the tail of a wall at two neighbouring rotors [1].
 
-    The tail of a wall is the small difference between the angles phi and the angles in a uniform
-    state. The ratio is the tail at the rotor farther from the wall, divided by the tail at the
-    rotor nearer to the wall.
+    The tail is here the small difference between the angles phi and the angles in a uniform state.
+    The ratio is the tail at the rotor farther from the wall, divided by the tail at the rotor
+    nearer to the wall. The tail of the displacements in `exact_tail` has the ratio of opposite
+    sign, because equal displacements of neighbouring masses need opposite changes of phi.
     """
     plus, minus = couplings(chain)
     return minus / plus
@@ -143,7 +144,9 @@ def tail_ratio(chain: Chain) -> float:
 
 @dataclass(frozen=True)
 class Tail:
-    """Decay of the tail, the displacement of a mass minus its displacement in a uniform state.
+    """Decay of the tail of a wall with the distance from the wall.
+
+    The tail is here the displacement r sin(theta) of a mass minus its value in a uniform state.
 
     decay_length: distance over which the tail decreases by a factor of e [m].
     wave_number: wave number with which the sign of the tail oscillates [rad/m]; 0 if it does not.
@@ -156,8 +159,9 @@ class Tail:
 def exact_tail(chain: Chain) -> Tail:
     """Return the tail of a wall in the discrete chain.
 
-    At the n-th rotor from the wall, the tail is proportional to (-(d - 1) / (d + 1))^n. For d > 1,
-    its sign alternates from rotor to rotor. This alternation is the wobble of a wobbling flipper.
+    At the n-th rotor from the wall, the tail of the displacements is proportional to
+    (-(d - 1) / (d + 1))^n. For d > 1, its sign alternates from rotor to rotor. This alternation is
+    the wobble of a wobbling flipper.
     """
     wave_number = math.pi / chain.spacing if chain.lean_ratio > 1 else 0.0
     return Tail(penetration_depth(chain), wave_number)
@@ -166,11 +170,11 @@ def exact_tail(chain: Chain) -> Tail:
 def wobble_exponents(chain: Chain) -> tuple[complex, complex]:
     """Return the two exponents lambda [1/m] of the tail e^(lambda x) in the continuum.
 
-    The exponents are lambda_+- = 1 / ub +- sqrt(1 / ub^2 - 8 / a^2) with ub = r sin(theta_bar).
-    They follow from the equation (a^2 / 8) du'' - (a^2 / (4 ub)) du' + du = 0 for the tail du(x),
-    on the side of the wall that is nearer to rotor 0. The equation states that the bars keep their
-    lengths, up to terms in du''. In the paper (equation `wobblingode`), the middle term has the
-    opposite sign.
+    The tail du(x) is the displacement minus ub = r sin(theta_bar), between rotor 0 and a kink,
+    where the chain leans right. The exponents are lambda_+- = 1 / ub +- sqrt(1 / ub^2 - 8 / a^2).
+    They follow from the equation (a^2 / 8) du'' - (a^2 / (4 ub)) du' + du = 0, which states that
+    the bars keep their lengths, up to terms in du''. In the paper (equation `wobblingode`), the
+    middle term has the opposite sign. On the other side of the kink, the exponents are -lambda_+-.
     """
     inverse = 1 / (chain.rotor_length * math.sin(chain.rest_angle))
     square = (inverse - math.sqrt(8) / chain.spacing) * (inverse + math.sqrt(8) / chain.spacing)

@@ -119,16 +119,18 @@ def mode_centre(mode: Array) -> float:
 def mode_towards_last(chain: Chain, angles: Array) -> Array:
     """Return the zero mode with the sign that moves the wall towards the last rotor [1], (N,).
 
-    In a spinner, a motion along this mode increases the sum of h_n = r sin(phi_n). In a
-    left-leaning flipper with d < 1, this motion increases all theta_n. All levers A_n and B_n of
-    this flipper have the sign (-1)^(n+1), or the opposite sign if the chain is upside down. When
-    an edge rotor swings past the mass of its neighbour, A_0 or B_{N-2} changes its sign. The sign
-    of the result relative to `zero_mode` then also changes.
+    In a spinner, a motion along this mode increases the sum of h_n = r sin(phi_n). In a flipper,
+    the sign relative to `zero_mode` follows from the signs of the levers A_0 and B_{N-2}. While
+    the wall is reflected at an edge, the edge rotor swings through the line of its bar, and its
+    lever changes its sign. There the result changes its sign relative to `zero_mode`, which is
+    continuous along the motion.
     """
     first, second = _levers_of_free_chain(chain, angles)
     mode = _zero_mode_of(first, second)
     if chain.motion is Motion.SPINNER:
         return mode if float(np.cos(angles) @ mode) >= 0 else -mode
+    # In a left-leaning flipper with d < 1, the result increases all theta_n. All levers A_n and
+    # B_n of this flipper have the sign (-1)^(n+1), or the opposite sign if it is upside down.
     rotors = chain.number_of_rotors
     start = (-1) ** (rotors * (rotors + 1) // 2) * uprightness(angles) ** rotors
     return mode if start * np.sign(first[0]) * np.sign(second[-1]) >= 0 else -mode

@@ -2,12 +2,12 @@
 """Anti-kinks at rest: the states with the least elastic energy V at each site coordinate x.
 
 Because the energy depends on the site, a constraint must hold the anti-kink at its site. With the
-Lagrange multiplier p of this constraint, the states satisfy
+Lagrange multiplier p of this constraint, stationary states satisfy
 
     grad V(phi) = p grad sum_n F_n(phi),    sum_n F_n(phi) = N - 1 - 2 x,
 
-where `constraint_field` defines the field F_n. An anti-kink is pinned if one of these states is
-unstable.
+where `constraint_field` defines the field F_n. If one of these stationary states is not a minimum
+of V under the constraint, the anti-kink is pinned: it cannot move continuously from site to site.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from soliton_linkage.linear.statics import stiffness_matrix
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 
 _SAMPLES = 65
-"""Number of samples over two rotor spacings [1]. Splines through these samples have errors of
-1e-6."""
+"""Number of samples of the angles over two rotor spacings [1]. Splines of the angles through these
+samples have errors of 1e-6 rad."""
 _NEWTON_STEPS = 30
 """Largest number of Newton steps [1]; about five are needed."""
 _CONVERGED = 1e-7
@@ -58,10 +58,10 @@ def anti_kink_path(chain: Chain, begin: float) -> tuple[Array, Array]:
 
 
 def barrier_speed(chain: Chain, sites: Array, states: Array) -> float:
-    """Return the smallest speed at which an anti-kink moves from site to site [spacings/s].
+    """Return the smallest speed with which an anti-kink moves from site to site [spacings/s].
 
-    A slower anti-kink does not cross the maxima of the energy between the sites. `sites` and
-    `states` are the result of `anti_kink_path`.
+    This is the speed at a minimum of the elastic energy. A slower anti-kink does not cross the
+    next maximum. `sites` and `states` are the result of `anti_kink_path`.
     """
     barrier = float(np.ptp([chain.elastic_energy(each) for each in states]))
     steps = np.diff(states, axis=0) / np.diff(sites)[:, None]
@@ -73,9 +73,10 @@ def barrier_speed(chain: Chain, sites: Array, states: Array) -> float:
 def resting_anti_kink(chain: Chain, near: float) -> tuple[float, Array]:
     """Return the site [rotor spacings] and angles [rad], (N,), of an anti-kink in equilibrium.
 
-    The search starts at the site `near`. The edge rotors are fixed at their angles in the uniform
-    states. A flipper has two equilibria per rotor spacing; the result is the one with the smaller
-    energy.
+    The edge rotors are fixed at their angles in the uniform states. In a spinner, the energy is
+    minimised from an anti-kink at the site `near`. In a flipper, the anti-kink has two equilibria
+    within each rotor spacing. Therefore, the energy is minimised from the sites `near` and `near`
+    + 1/2, and the result is the state with the smaller energy.
     """
     starts = (near,) if chain.motion is Motion.SPINNER else (near, near + 0.5)
     found = [_minimum(chain, continuum_anti_kink(chain, start)) for start in starts]

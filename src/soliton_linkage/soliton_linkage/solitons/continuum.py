@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Continuum theories of walls: phi^4 for flippers (d << 1), sine-Gordon for spinners (d >> d_c).
+"""Continuum theories of walls: phi^4 theory for flippers, sine-Gordon theory for spinners.
 
+The theory of flippers is exact in the limit of a small lean ratio d and a small rest angle
+theta_bar; the theory of spinners is exact for d far above the critical lean ratio d_c.
 The elastic energy density is a square, which is 0 everywhere in a wall of charge Q = +1 at rest. A
 wall of velocity v and effective mass M_eff has the width w and the energy E, where w_0 is the
 width at rest and c the speed of sound:
@@ -8,7 +10,7 @@ width at rest and c the speed of sound:
     w = w_0 / gamma,    gamma = 1 / sqrt(1 - v^2 / c^2),
     E = (gamma - 1) M_eff c^2 + (1 - Q) E_s,    E_s = M_eff c^2.
 
-Signs and factors are those of the modelled chain. The docstrings state where the paper (Chen et
+Signs and factors apply to the modelled chain. The docstrings state where the paper (Chen et
 al., PNAS 111, 13004 (2014)) differs.
 """
 
@@ -25,18 +27,18 @@ from soliton_linkage.linear.bands import speed_of_sound
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 
 _HARDEST_KICK = 1e9
-"""Kick, divided by Lambda c (see `arc_per_site`), above which the speed v equals c up to rounding
-[1]. For a kick K Lambda c, 1 - v / c is about 2 / K^4."""
+"""Kick, divided by lambda c with lambda = `arc_per_site`, above which the speed v equals c up to
+rounding [1]. For a kick K lambda c, 1 - v / c is about 2 / K^4."""
 
 
 @dataclass(frozen=True)
 class WallTheory(ABC):
-    """Theory of relativistic walls in a uniform chain, exact for very small or large lean ratio.
+    """Theory of relativistic walls in a uniform chain.
 
     If `exact_sound` is true, c is the exact speed of sound of the chain; the theory then agrees
-    better with simulated walls, but E_s = M_eff c^2 holds only in the limit of very small or large
-    d. Otherwise, c is `limiting_speed_of_sound`. Velocities are in m/s. Methods raise ValueError
-    for velocities of c or more, and for charges other than +-1.
+    better with simulated walls, but E_s = M_eff c^2 holds only in the limit in which the theory is
+    exact. Otherwise, c is `limiting_speed_of_sound`. Velocities are in m/s. Methods raise
+    ValueError for velocities of c or more, and for charges other than +-1.
     """
 
     chain: Chain
@@ -45,7 +47,7 @@ class WallTheory(ABC):
     @property
     @abstractmethod
     def limiting_speed_of_sound(self) -> float:
-        """Speed of sound in the limit of the lean ratio d in which the theory is exact [m/s]."""
+        """Speed of sound in the limit in which the theory is exact [m/s]."""
 
     @property
     @abstractmethod
@@ -66,7 +68,11 @@ class WallTheory(ABC):
 
     @property
     def arc_per_site(self) -> float:
-        """Lambda = sqrt(M_eff / M), the norm of mass displacements per wall displacement [1]."""
+        """Norm of all mass displacements per displacement of the wall, sqrt(M_eff / M) [1].
+
+        This ratio lambda equals r Lambda / a, where Lambda is the result of `site_arc`, in the
+        limit in which the theory is exact.
+        """
         return math.sqrt(self.effective_mass / self.chain.mass)
 
     def lorentz_factor(self, velocity: float) -> float:
@@ -96,10 +102,10 @@ class WallTheory(ABC):
     def speed_after_kick(self, kick: float, arc_per_site: float | None = None) -> float:
         """Return the speed that a kick along the zero mode gives to a wall at rest [m/s].
 
-        `kick` is v_0 = r |phi_dot| [m/s], with the norm |phi_dot| of all rates. The energy balance
-        M v_0^2 / 2 = (gamma - 1) M Lambda^2 c^2 gives
-        v = c sqrt(1 - 1 / (1 + v_0^2 / (2 Lambda^2 c^2))^2). If `arc_per_site` [1] is given, it
-        replaces the Lambda of the theory.
+        `kick` is v_0 = r |phi_dot| [m/s], with the norm |phi_dot| of all rates. With
+        lambda = `arc_per_site`, the energy balance M v_0^2 / 2 = (gamma - 1) M lambda^2 c^2 gives
+        v = c sqrt(1 - 1 / (1 + v_0^2 / (2 lambda^2 c^2))^2). The argument `arc_per_site` [1]
+        replaces the value of the theory.
         """
         arc = self.arc_per_site if arc_per_site is None else arc_per_site
         if not math.isfinite(kick):
@@ -132,7 +138,11 @@ class WallTheory(ABC):
         return (gamma * self._ratio(velocity)) ** 2 / (gamma + 1)
 
     def _misfit(self, velocity: float, charge: int) -> float:
-        """Return Q gamma - 1 [1]; Q gamma is the slope of a wall relative to a kink at rest."""
+        """Return Q gamma - 1 [1].
+
+        Q gamma is the slope of the field in a wall, divided by the slope in a kink at rest where
+        the field has the same value.
+        """
         excess = self._excess(velocity)
         return excess if _checked_sign('charge', charge) > 0 else -2 - excess
 
@@ -147,15 +157,15 @@ class WallTheory(ABC):
 
 @dataclass(frozen=True)
 class FlipperTheory(WallTheory):
-    """phi^4 theory of the walls of a flipper with d << 1. Raises ValueError for a spinner.
+    """phi^4 theory of the walls of a flipper. Raises ValueError for a spinner.
 
     The field is the displacement u = r sin(theta) [m], with the time derivative u_t and the slope
     u_x. With ub = r sin(theta_bar) and K = 4 k_e / lbar^2, the Lagrangian is
 
         L = (1 / a) integral dx {(M / 2) u_t^2 - (K / 2) [(ub^2 - u^2) + (a^2 / 2) u_x]^2}.
 
-    In the paper (equation `lagrangian2`), the cross term is half as large and the factor 1 / a is
-    missing.
+    In the paper (equation `lagrangian2`), the cross term (ub^2 - u^2) u_x is half as large, and
+    the factor 1 / a is missing.
     """
 
     def __post_init__(self) -> None:
@@ -172,7 +182,7 @@ class FlipperTheory(WallTheory):
 
     @property
     def limiting_speed_of_sound(self) -> float:
-        """Limit of c for d << 1, (a^2 / lbar) sqrt(k_e / M) [m/s]."""
+        """Limit of c for d << 1 and theta_bar << 1, (a^2 / lbar) sqrt(k_e / M) [m/s]."""
         return self.chain.spacing**2 / (self.chain.rest_length * self.chain.time_unit)
 
     @property
@@ -250,11 +260,12 @@ class SpinnerTheory(WallTheory):
 
         L = (1 / a) integral dx {(I / 2) psi_t^2 - (K / 2) [psi_x - sin(psi) / ub]^2}.
 
-    In the paper (supporting information), the last term has an additional factor a. `family`
-    distinguishes two assemblies of the chain. Modulo 2 pi, theta changes across a kink from
+    In the paper (supporting information), sin(psi) / ub has an additional factor a. The formulas
+    of theta are for `family` = +1. A chain that is assembled in the other possible way has
+    `family` = -1: theta is then -theta_bar + turn (psi - pi) for even rotors, and
+    -theta_bar - turn (psi - pi) for odd rotors. Modulo 2 pi, theta changes across a kink from
     theta_bar to theta_bar + pi in the family +1, and from pi - theta_bar to -theta_bar in the
-    family -1. For the family -1, replace psi by psi - pi and theta_bar by -theta_bar in the
-    formulas of theta.
+    family -1.
     """
 
     family: int = 1
@@ -311,11 +322,16 @@ class SpinnerTheory(WallTheory):
     ) -> Array:
         """Return the staggered angles theta [rad] of rotors of one sublattice at positions x [m].
 
-        The `sublattice` is 0 for even and 1 for odd rotors. For a wall of charge Q and width w at
-        `position` X [m], cos(theta - theta_bar) = -Q tanh((x - X) / w). At rest, theta' = Q
-        sin(theta - theta_bar) / (r sin(theta_bar)), as in equation `sgd` of the paper; equation
-        `sg` has the opposite sign. For the family -1, replace theta_bar by -theta_bar, and reverse
-        the signs of the right-hand sides of these two equations.
+        The `sublattice` is 0 for even and 1 for odd rotors. The wall of charge Q and width w is at
+        `position` X [m]. The slope theta' is for a wall at rest. In the family +1,
+
+            cos(theta - theta_bar) = -Q tanh((x - X) / w),  theta' = Q sin(theta - theta_bar) / ub,
+
+        and in the family -1,
+
+            cos(theta + theta_bar) = Q tanh((x - X) / w),  theta' = -Q sin(theta + theta_bar) / ub.
+
+        In the paper, equation `sgd` agrees for the family +1, but `sg` has the opposite sign.
         """
         if sublattice not in (0, 1):
             raise ValueError(f'sublattice = {sublattice!r} must be 0 (even rotors) or 1 (odd)')
@@ -347,8 +363,9 @@ class SpinnerTheory(WallTheory):
     ) -> Array:
         """Return the extension [m] of springs on the right of even rotors at positions x [m].
 
-        The extension is turn * family * (r^2 a sin(2 theta_bar) / lbar) (Q gamma - 1)
-        sin(psi) / ub. Springs on the right of odd rotors have the opposite extension.
+        With the lever L = r^2 a sin(2 theta_bar) / lbar, the extension is
+        turn * family * L (Q gamma - 1) sin(psi) / ub. Springs on the right of odd rotors have the
+        opposite extension.
         """
         sign = _checked_sign('turn', turn) * self.family
         factor = sign * self._lever * self._misfit(velocity, charge)

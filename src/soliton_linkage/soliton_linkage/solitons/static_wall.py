@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Walls at rest, and the arc length of the orbit per rotor spacing.
 
-For a given angle of one rotor, the bar to its neighbour allows two angles of the neighbour (two
-branches). The sign of a lever selects the branch: the sign of B_n on the right of the wall, and
-the sign of A_n on the left of the wall. Errors of the angles decay outwards from the wall as fast
-as the zero mode.
+Bar n joins rotors n and n + 1. The levers A_n and B_n of the bar are the derivatives of its length
+with respect to the angles of these two rotors. For a given angle of one rotor, the bar to its
+neighbour allows two angles of the neighbour (two branches), with opposite signs of the lever of
+the neighbour. Therefore, the sign of B_n selects the branch on the right of the wall, and the sign
+of A_n on the left. Errors of the angles decay outwards from the wall as fast as the zero mode.
 """
 
 from __future__ import annotations
@@ -31,14 +32,14 @@ more is rejected."""
 _MOST_STEPS = 100_000
 """Largest number of solver steps along an orbit [1]; near d_c, one or two thousand are needed."""
 _TRANSITION = 1e-9
-"""A chain is rejected if |d - d_c| / d_c is below this [1], because rounding errors could change
-the sense of rotation."""
+"""A chain is rejected if |d - d_c| / d_c is below this [1], because rounding errors could then
+exchange the orbit of a flipper and the orbit of a spinner."""
 _TOLERANCE = 1e-13
 """Relative [1] and absolute [rad] tolerance of a step. With this tolerance, the errors of arc
 lengths are 1e-11 rad."""
 _ARRIVED = 1e-4
-"""`follow_zero_mode` has reached its goal when no angle differs from the goal by more than twice
-this value [rad]."""
+"""Limit of |sin(x / 2)| for the difference x between an angle and the goal of `follow_zero_mode`
+[1]. The goal is reached when no angle differs from it by more than 2e-4 rad."""
 
 
 def static_wall(chain: Chain, site: float, leg: int = 0, inverted: bool = False) -> Array:
@@ -57,8 +58,8 @@ def static_wall(chain: Chain, site: float, leg: int = 0, inverted: bool = False)
     opposite direction in leg 1. If `inverted` is true, the chain is assembled upside down, with
     pi - phi in place of phi. In a chain with deviations, the rotor nearest to the wall has the
     same angle as without deviations, and the other angles follow from the lengths of the bars.
-    Raises ValueError for a chain of two rotors or with periodic ends, a site outside the range 0
-    to N - 1, an unknown leg, bars of impossible length, and the errors of `site_arc`.
+    Raises ValueError for a chain of two rotors or with periodic ends, for a site outside the range
+    0 to N - 1, for an unknown leg, for bars of impossible length, and if `site_arc` raises it.
 
         >>> import soliton_linkage as sl
         >>> chain = sl.Chain(number_of_rotors=20)
@@ -173,8 +174,10 @@ def bar_branches(chain: Chain, leg: int, inverted: bool) -> tuple[Array, Array]:
 def toggled_edges(chain: Chain, leg: int) -> tuple[bool, bool]:
     """Return whether the first, and whether the last rotor of a flipper is toggled in a leg.
 
-    The docstring of `static_wall` defines a toggled rotor. For d > 1, the first rotor is toggled
-    by this definition in the legs in which it is not toggled by the definition in `Orbit`.
+    A toggled rotor has another angle than in an infinite chain (see `static_wall`). `Orbit`
+    defines toggled differently, by the sign of the lever in the left-leaning state. On the left of
+    a wall the chain leans right, and for d > 1 the lever A_0 has opposite signs in the two states.
+    Therefore, the two definitions give opposite results for the first rotor if d > 1.
     """
     if chain.motion is Motion.SPINNER:
         return False, False
@@ -247,8 +250,10 @@ def _symmetric_wall(chain: Chain, rotor: int, leg: int) -> Array:
     """Return the angles of a wall in the middle between `rotor` and the next rotor [rad], (N,).
 
     The reflection n -> 2 rotor + 1 - n changes phi to phi + pi in flippers and to -phi in
-    spinners. Therefore r sin(phi) of `rotor` is r^2 sin(theta_bar)^2 / a in flippers. In spinners,
-    r sin(phi) is (a - lbar) / 2 if `leg` + `rotor` is even, and (a + lbar) / 2 if it is odd.
+    spinners. The bar between the two rotors has the length lbar. Therefore r sin(phi) of `rotor`
+    is r^2 sin(theta_bar)^2 / a in flippers. In spinners, r sin(phi) is (a - lbar) / 2 if `leg` +
+    `rotor` is even, and (a + lbar) / 2 if it is odd. In flippers, cos(phi) is positive if `rotor`
+    is even; in spinners, it is positive in leg 0.
     """
     spinner, crossed = chain.motion is Motion.SPINNER, False
     if spinner:

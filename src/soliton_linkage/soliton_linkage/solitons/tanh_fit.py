@@ -3,10 +3,11 @@
 
 The sign of the polarisation of a bond states in which direction the zero mode grows. A wall is
 detected where the polarisation changes its sign. The order field m_n of rotor n is +1 where the
-chain leans right and -1 where it leans left. The position X of a wall of charge Q follows from a
-fit of the function m_n = -Q tanh((n - X) / w) to the order field, where w is the width of a slow
-wall. The bias of X is below 0.002 rotor spacings for lean ratios d < 0.9 or d > 2.5 d_c, below 0.1
-for d < 2 or d > 1.4 d_c, and otherwise up to 2, because the order field is then not a tanh.
+chain leans right and -1 where it leans left. The function m_n = -Q tanh((n - X) / w) of a wall of
+charge Q is fitted to the order field twice. The first fit gives the position X; its w is fixed at
+the width of a slow wall. The second fit of both X and w gives the width w. The bias of the
+position is below 0.002 rotor spacings for lean ratios d < 0.9 or d > 2.5 d_c, below 0.1 for d < 2
+or d > 1.4 d_c, and otherwise up to 2, because the order field is then not a tanh.
 """
 
 from __future__ import annotations
@@ -32,8 +33,8 @@ _FIT_REACH = 4.0
 """Largest distance from the wall at which rotors are included in the fit [wall widths]; one rotor
 spacing is added. At larger distances, 1 - |tanh| is below 7e-4."""
 WIDEST_LEAN_RATIO = 2.0
-"""Smallest lean ratio d [1] of flippers whose walls do not have the profile tanh(x / w), so that
-the width w is not defined."""
+"""Lean ratio d [1] up to which walls of flippers have the profile tanh(x / w). At this lean ratio
+and above, the width w of a wall in a flipper is not defined, and is NaN in `Soliton`."""
 
 
 @dataclass(frozen=True)
@@ -306,8 +307,10 @@ def topological_charge(chain: Chain, angles: ArrayLike) -> int:
 def half_turns(chain: Chain, angles: ArrayLike) -> int:
     """Return the number of half turns of the last rotor of a spinner relative to the first rotor.
 
-    A wall of charge Q contributes Q if it turns its rotors in the positive sense of phi, otherwise
-    -Q. Whole turns between neighbouring rotors do not count. Raises ValueError for a flipper.
+    Let x_n be the angle phi_n minus its value in a uniform state. A wall contributes +1 if x_n is
+    half a turn larger on the side of the last rotor than on the side of rotor 0, and -1 if it is
+    half a turn smaller. Whole turns between neighbouring rotors do not count. Raises ValueError
+    for a flipper.
     """
     if chain.motion is not Motion.SPINNER:
         raise ValueError(f'a {chain.motion.value} does not turn; count the turns of a spinner')

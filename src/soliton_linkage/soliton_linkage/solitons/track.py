@@ -48,7 +48,7 @@ class Crossing:
     direction: int
     """Direction: +1 towards the last rotor, -1 towards rotor 0."""
     site_rate: float
-    """Speed of the soliton [rotor spacings / s], the slope of a line fitted to the sites."""
+    """Speed [rotor spacings / s]: absolute slope of a line fitted to the sites of the soliton."""
 
 
 class MeasuredWall(Protocol):

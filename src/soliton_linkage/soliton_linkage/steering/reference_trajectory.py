@@ -2,10 +2,11 @@
 """Reference trajectories of a wall along the orbit, and their adiabatic speed limit.
 
 Let w = ds/dt be the rate of the arc length s of a wall, t(s) the tangent of the orbit, and I the
-moment of inertia of a rotor. The wall exerts the force I w^2 t_n'(s) on rotor n. This force is
-orthogonal to the orbit. The tangent has the Fourier components t_n(q) = int t_n e^(iqs) ds. A
-component radiates phonons if its frequency q w exceeds the phonon gap. It then radiates about the
-fraction |q t_n(q)|^2 of the energy of the wall.
+moment of inertia of a rotor. The wall exerts the torque I w^2 t_n'(s) on rotor n. The vector of
+these torques is orthogonal to the orbit. The tangent has the Fourier components
+t_n(q) = int t_n e^(iqs) ds. The component q acts on the rotor at the frequency q w, and excites
+phonons if this frequency exceeds the phonon gap. While the wall passes rotor n once, phonons of
+this frequency then receive about the fraction |q t_n(q)|^2 of the energy of the wall.
 """
 
 from __future__ import annotations
@@ -86,8 +87,9 @@ class ReferenceTrajectory:
 def adiabatic_rate(orbit: Orbit, settings: SteeringSettings = DEFAULTS) -> float:
     """Return the largest rate of the arc length at which a wall radiates little energy [rad/s].
 
-    The result is `adiabatic_fraction` times the rate below which each of the two middle rotors
-    radiates less than the fraction `radiated_share` of the energy of the wall.
+    The result is `adiabatic_fraction` times the rate below which, at each of the two middle rotors
+    and each frequency above the phonon gap, the radiated fraction of the energy of the wall is
+    below `radiated_share`.
     """
     middle = orbit.arc_at(orbit.middle, 0)
     begin, end = orbit.leg_arcs(0)

@@ -17,8 +17,9 @@ from soliton_linkage.linkage.quantities import CheckedQuantities, quantity
 class SteeringSettings(CheckedQuantities):
     """Tuned parameters of the steering; raises ValueError for values out of range.
 
-    The `Quantity` of each field contains its meaning and range. The docstrings of the fields use b
-    [rad/s] for the bandwidth of the feedback.
+    The `Quantity` of each field contains its meaning and range. In the docstrings of the fields, b
+    is the bandwidth of the feedback [rad/s], and an error is the distance of the soliton from the
+    reference trajectory.
     """
 
     tolerance: float = quantity(
@@ -28,13 +29,14 @@ class SteeringSettings(CheckedQuantities):
     accuracy of the final position does not change."""
 
     latency: int = quantity(1, 'delay from a frame until its torques act', 'frames', 0)
-    """Sensitivity: an error of 2 frames has no effect; an error of 5 frames may lose the wall."""
+    """Sensitivity: a value that is wrong by 2 frames has no effect; with a value that is wrong by
+    5 frames, the soliton may be lost."""
 
     radiated_share: float = quantity(
         1e-5, 'fraction of the energy of a soliton that one rotor may radiate', '', 1e-12, 1.0
     )
     """Sensitivity: at 0.5x, moves take up to 7 % longer. At 2x, moves of a wobbling flipper take
-    28 % less time and leave 2000 times as much phonon energy. This is 1e-6 of the wall energy."""
+    28 % less time and leave 2000 times as much phonon energy (1e-6 of the soliton energy)."""
 
     adiabatic_fraction: float = quantity(
         0.5,
@@ -44,13 +46,13 @@ class SteeringSettings(CheckedQuantities):
         1.0,
     )
     """Sensitivity: at 0.5x, the duration of moves increases by up to a factor 2; at 2x, it
-    decreases by up to a factor 2. At 2x, the ratio of the phonon energy to the energy of the wall
+    decreases by up to a factor 2. At 2x, the ratio of the phonon energy to the soliton energy
     rises from 3e-11 to 5e-8 for a flipper and from 3e-10 to 2e-4 for a wobbling flipper."""
 
     bandwidth_share: float = quantity(
         0.125, 'ratio of the bandwidth of the feedback to the phonon gap', '', 1e-3, 1.0
     )
-    """Sensitivity: at 0.5x, errors in disordered chains are four times as large, and some walls
+    """Sensitivity: at 0.5x, errors in disordered chains are four times as large, and some solitons
     are lost. At 2x, noise causes six times the torques and 15 to 170 times the phonon energy."""
 
     bandwidth_step: float = quantity(
@@ -101,8 +103,8 @@ class SteeringSettings(CheckedQuantities):
     settling_timeout: float = quantity(
         30.0, 'longest time to settle after the trajectory, times the bandwidth', '', 0.0
     )
-    """Sensitivity: at 0.5x, a wall that never settles is reported after half the time; at 2x, it
-    is reported after twice the time. All other walls settle in less than half of the timeout."""
+    """Sensitivity: at 0.5x, a soliton that never settles is reported after half the time; at 2x,
+    it is reported after twice the time. All others settle in less than half of the timeout."""
 
     max_error: float = quantity(
         1.5,
@@ -127,9 +129,10 @@ class SteeringSettings(CheckedQuantities):
     max_gap: float = quantity(
         5.0, 'time without frames after which the soliton may have moved', 'frame periods', 1.0
     )
-    """After such a gap, the soliton is not released at once if it cannot be detected. Sensitivity:
-    at 0.5x, a move continues after an impulse that acts while two frames are missing; at 2x, a
-    soliton that moves during a gap of 8 frames is released."""
+    """After a shorter gap, a soliton that is lost is released at once. After a longer gap, it is
+    released only if it is not found within twice the `detection_timeout`. Sensitivity: at 0.5x, a
+    soliton that an impulse displaces while two frames are missing is not released; at 2x, a
+    soliton that moves while eight frames are missing is released."""
 
     detection_timeout: float = quantity(
         0.2, 'time without a frame that shows the soliton, after which it is lost', 's', 0.0
@@ -141,8 +144,8 @@ class SteeringSettings(CheckedQuantities):
         3e-3, 'lower limit of the noise of an angle in the observer', 'rad', 1e-9
     )
     """This limit is for frames without noise. Without the limit, the filter would treat the start
-    of an impulse as noise, and an impulse of 6 to 10 rad/s would displace a wall 1.4 times as far.
-    Sensitivity: at 0.5x and 2x, there is no effect."""
+    of an impulse as noise, and an impulse of 6 to 10 rad/s would displace a soliton 1.4 times as
+    far. Sensitivity: at 0.5x and 2x, there is no effect."""
 
     phonon_periods: float = quantity(
         4.0,

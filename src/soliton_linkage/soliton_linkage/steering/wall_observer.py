@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Observer of a wall on which known torques act: an `OrbitFilter` that estimates a disturbance d.
 
-The model is s'' = u + d for the arc length s. The acceleration u is due to the known torques, and
-d is due to all other forces. Because d is estimated, a constant unknown force causes no steady
-error of the estimate.
+The model is s'' = F / I + d for the arc length s, with the moment of inertia I of a rotor. The
+known torques have the component F along the orbit, and the acceleration d is due to all other
+forces. Because d is estimated, a constant unknown force causes no steady error of the estimate.
 """
 
 from __future__ import annotations
@@ -49,7 +49,8 @@ class WallObserver:
     """Estimator of the arc length of a wall along the orbit, of its rate, and of the disturbance.
 
     `bandwidth` [rad/s] determines the poles of the filter. `estimate` is None before the first
-    detection of the wall, and after `detection_timeout` without a detection.
+    detection of the wall, and after `detection_timeout` without a detection. The filter also
+    estimates the constant offsets of the encoders, which measure the angles.
     """
 
     def __init__(
@@ -67,7 +68,7 @@ class WallObserver:
         self._filter = OrbitFilter(orbit, settings=estimation)
 
     def reset(self) -> None:
-        """Discard all frames, but keep the estimated encoder offsets."""
+        """Discard all frames, but keep the estimated offsets of the encoders."""
         self.estimate, self._seen = None, -math.inf
         self._filter.restart()
 
