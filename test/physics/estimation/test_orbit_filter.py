@@ -88,6 +88,18 @@ def test_a_steady_wall_uses_the_whole_record(example, rotors):
     )
 
 
+@pytest.mark.parametrize('example', [FLIPPER, SPINNER])
+def test_a_resting_wall_uses_the_whole_record(example):
+    frames, orbit = 300, uniform_orbit(example, 30)
+    period, random = 0.2 * orbit.chain.time_unit, np.random.default_rng(3)
+    tracker, angles = OrbitFilter(orbit), orbit.configuration(orbit.arc_at(15.3, 0))
+    for time in period * np.arange(frames):
+        estimate = tracker.update(time, angles + 0.01 * random.standard_normal(30))
+    # The bound belongs to a straight line through n points.
+    assert estimate.arc_deviation < 1.1 * 2 * 0.01 / math.sqrt(frames)
+    assert estimate.rate_deviation < 1.1 * 0.01 * math.sqrt(12) / (frames**1.5 * period)
+
+
 def test_stated_deviations_are_correct_and_errors_are_normal():
     orbit = uniform_orbit(FLIPPER, 40)
     times = 0.01 * np.arange(25)

@@ -155,6 +155,9 @@ class FrameNoise:
         white = max(white, self._settings.least_noise**2)
         margin = 1 + significance * math.sqrt(2 / max(freedoms, 1.0))
         self.variance = white if white > self._given * margin else self._given
+        beyond = self.scatter - self.variance
+        self.waves = beyond if most_recent - self.scatter < beyond else 0.0
+        """Mean square of the recent residuals without noise [rad^2]; 0 if not significant."""
         most = (self._products + bound) / self._pairs if self._pairs else total
         self.least = self.variance if self._given else max(total - most, 0.0)
         """Lower bound of the variance of the noise [rad^2]; 0 while unknown."""
@@ -321,7 +324,7 @@ class ResidualVariance:
     def of_rotor(self) -> float:
         """Return the variance of the difference between a rotor's angle and the orbit [rad^2]."""
         noise = self.noise
-        field = max(noise.scatter - noise.variance, 0.0) + _FIELD_RATIO * noise.excess
+        field = noise.waves + _FIELD_RATIO * noise.excess
         exchange = _EDGE_RATIO if self.at_edge else 1.0
         field += self.elastic * exchange * max(min(self.way, 1.0), self._unknown)
         return noise.variance + min(field, self.largest_field)
@@ -354,14 +357,13 @@ class ResidualVariance:
         field = noise.excess + (self.elastic if self.at_edge else 0.0)
         persistent = field * unseen * view.unseen_share
         persistent *= min(max(frames, 1.0), self._settings.noise.memory)
-        fleeting = max(noise.scatter - noise.variance, field) * outliers
+        fleeting = max(noise.waves, field) * outliers
         return noise.variance / view.information + persistent + fleeting
 
     @property
     def field(self) -> float:
         """Mean square amplitude of waves near the wall [rad^2]."""
-        noise = self.noise
-        return max(noise.scatter - noise.variance, noise.excess, 0.0)
+        return max(self.noise.waves, self.noise.excess)
 
     def calm(self, rate: float) -> float:
         """Return the weight, 0 to 1, of the assumption that waves do not disturb the wall.
