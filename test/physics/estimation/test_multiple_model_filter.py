@@ -82,13 +82,15 @@ def test_filters_agree_with_a_naive_kalman_filter():
             )
             arcs = measured(200, 0.02, 1)
             motion = MultipleModelFilter(0.0, 4e-4, 50.0, SITE_ARC, settings)
-            changed, error = 0.02 + 0.03 * at_edge, 0.01 * SITE_ARC
+            error = 0.01 * SITE_ARC
             twins = [
                 Twin(4e-4, 0.0, 0.0, disturbance, 0.0),
-                Twin(4e-4, changed, error, disturbance, 0.02 * 50.0 * (disturbance == 0)),
+                Twin(4e-4, 0.02, error, disturbance, 0.02 * 50.0 * (disturbance == 0)),
             ]
             for arc in arcs[1:].tolist():
                 speed = abs(motion.rate)
+                exchange = at_edge and 0.03 * speed > motion.rate_deviation
+                twins[1].share = 0.02 + 0.03 * exchange
                 motion.predict(PERIOD, at_edge, 1.0, acceleration, bandwidth)
                 motion.update(arc, 4e-4)
                 for twin in twins:

@@ -12,7 +12,7 @@ from scipy import stats
 from soliton_linkage.estimation.estimates import OrbitEstimate, TrackingStatus
 from soliton_linkage.estimation.orbit_filter import OrbitFilter
 from soliton_linkage.estimation.orbit_model import ComplianceCorrection
-from soliton_linkage.estimation.settings import DEFAULTS
+from soliton_linkage.estimation.settings import DEFAULTS, EstimationSettings, FilterSettings
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 
@@ -88,11 +88,15 @@ def test_a_steady_wall_uses_the_whole_record(example, rotors):
     )
 
 
+@pytest.mark.parametrize('site', [1.3, 15.3])
 @pytest.mark.parametrize('example', [FLIPPER, SPINNER])
-def test_a_resting_wall_uses_the_whole_record(example):
+def test_a_resting_wall_uses_the_whole_record(example, site):
     frames, orbit = 300, uniform_orbit(example, 30)
     period, random = 0.2 * orbit.chain.time_unit, np.random.default_rng(3)
-    tracker, angles = OrbitFilter(orbit), orbit.configuration(orbit.arc_at(15.3, 0))
+    tracker = OrbitFilter(
+        orbit, settings=EstimationSettings(filter=FilterSettings(impulse_ages=0))
+    )
+    angles = orbit.configuration(orbit.arc_at(site, 0))
     for time in period * np.arange(frames):
         estimate = tracker.update(time, angles + 0.01 * random.standard_normal(30))
     # The bound belongs to a straight line through n points.

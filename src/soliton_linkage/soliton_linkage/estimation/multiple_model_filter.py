@@ -179,6 +179,8 @@ class MultipleModelFilter:
         a ripple of the rate [rad^2].
         """
         self._status['ripple'] = ripple
+        # A change of the rate that is smaller than its standard deviation has no effect.
+        at_edge &= self._settings.change_at_edges * abs(self.rate) > self.rate_deviation
         rate, gained = self.rate, (acceleration + self.disturbance) * elapsed
         self._known = None
         self.expected, self.expected_variance = predict(
