@@ -14,6 +14,7 @@ from scipy.optimize import brentq
 from soliton_linkage.estimation.encoder_offsets import EncoderOffsets
 from soliton_linkage.estimation.orbit_filter import OrbitFilter
 from soliton_linkage.estimation.settings import OffsetSettings
+from soliton_linkage.linear.bands import gap
 from soliton_linkage.linear.rigidity import zero_mode
 from soliton_linkage.linear.statics import unstretched
 from soliton_linkage.linkage.chain import Array
@@ -135,6 +136,18 @@ def test_a_rotor_that_oscillates_far_from_the_wall_has_no_offset(period):
         tracker.update(0.004 * frame, noisy)
         corrected += bool(tracker.offsets.corrections[1])
     assert not corrected
+
+
+def test_waves_are_no_unmodelled_deviations():
+    orbit, random = UniformOrbit(chain_of(FLIPPER, ROTORS)), np.random.default_rng(9)
+    angles = orbit.configuration(orbit.arc_at(float(BOND), 0))
+    waves = gap(orbit.chain) * (1 + 0.1 * random.random(ROTORS))
+    phases, tracker = random.uniform(-math.pi, math.pi, ROTORS), OrbitFilter(orbit)
+    for time in 0.004 * np.arange(400):
+        noisy = angles + SMALL_NOISE * random.standard_normal(ROTORS)
+        noisy += 0.05 * np.sin(waves * time + phases) * (np.abs(np.arange(ROTORS) - BOND) > 6)
+        reported = tracker.update(time, noisy)
+    assert reported.site_deviation * orbit.site_arc < 0.3 * SMALL_NOISE
 
 
 def test_the_offset_of_an_encoder_that_slips_is_found():

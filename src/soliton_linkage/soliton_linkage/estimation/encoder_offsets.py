@@ -75,15 +75,15 @@ class EncoderOffsets:
         self,
         residuals: Array,
         sides: Array,
-        variance: float,
+        variance: float | Array,
         persistent: float | Array = 0.0,
     ) -> None:
         """Update the offsets with the residuals of a block [rad], shape (N,), NaN if unknown.
 
         `sides` [1], shape (N,), is +1 for a rotor before the wall, -1 for a rotor beyond the wall,
         and 0 for a rotor near the wall, whose residual is ignored. `variance` is the variance of a
-        residual due to noise [rad^2]. `persistent` is the variance of a residual due to errors
-        that are equal in all blocks [rad^2], a number or shape (N,).
+        residual due to noise and waves, and `persistent` the variance due to errors that are equal
+        in all blocks [rad^2]; each is a number or has shape (N,).
         """
         given = self.settings
         known = np.isfinite(residuals)
@@ -132,6 +132,12 @@ class EncoderOffsets:
         error = float(np.median(errors))
         chance = robust_deviation(np.abs(errors - error)) / math.sqrt(len(errors))
         return error if abs(error) > self.settings.significance * chance else 0.0
+
+    def limit_weights(self, variances: Array) -> None:
+        """Limit the weight of each block to the inverse of a variance [rad^2], shape (N,)."""
+        kept = 1 / np.maximum(self.weights * variances / np.maximum(self.means, 1), 1.0)
+        self.weights *= kept
+        self.sums *= kept
 
     def retest(self, rotors: Flags, errors: Array) -> None:
         """Reduce the weights of all earlier residuals of the rotors that are flagged in `rotors`.
@@ -245,14 +251,16 @@ class FarFieldResiduals:
             self._uneven = True
         excess = np.maximum(np.abs(innovations[known]) - predicted[known], 0.0)
         waves = max(robust_deviation(excess) ** 2 - noise, 0.0)
-        noise += waves * max(_WAVE_TIME * self._time_unit / self._time, 1.0)
+        correlated = max(_WAVE_TIME * self._time_unit / self._time, 1.0)
+        noise += waves * correlated
         # If most rotors seem to have an offset, deviations of rotors and springs are the cause.
         passed = (offsets.weights > 0).all(axis=0)
         typical = robust_deviation(np.abs(offsets.values[passed]))
-        persistent = unsteady + typical**2
+        persistent = typical**2
         strange = np.abs(innovations) > given.significance * (predicted + math.sqrt(noise))
         means[strange] = np.nan
-        offsets.update(means, sides, noise, persistent)
+        offsets.limit_weights(unsteady * correlated)
+        offsets.update(means, sides, noise + unsteady * correlated, persistent)
         if self._uneven:
             offsets.corrections[:] = 0.0
         # A wrong correction of a rotor near a slow wall shows as a residual of opposite sign.
