@@ -89,7 +89,7 @@ def test_filters_agree_with_a_naive_kalman_filter():
             ]
             for arc in arcs[1:].tolist():
                 speed = abs(motion.rate)
-                exchange = at_edge and 0.03 * speed > motion.rate_deviation
+                exchange = at_edge and 0.06 * speed > motion.rate_deviation
                 twins[1].share = 0.02 + 0.03 * exchange
                 motion.predict(PERIOD, at_edge, 1.0, acceleration, bandwidth)
                 motion.update(arc, 4e-4)

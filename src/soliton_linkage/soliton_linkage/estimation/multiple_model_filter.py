@@ -179,8 +179,9 @@ class MultipleModelFilter:
         a ripple of the rate [rad^2].
         """
         self._status['ripple'] = ripple
-        # A change of the rate that is smaller than its standard deviation has no effect.
-        at_edge &= self._settings.change_at_edges * abs(self.rate) > self.rate_deviation
+        # Over the four rotor spacings of a reflection, the changes add up to twice the change per
+        # spacing. They have no effect if they are smaller than the deviation of the rate.
+        at_edge &= 2 * self._settings.change_at_edges * abs(self.rate) > self.rate_deviation
         rate, gained = self.rate, (acceleration + self.disturbance) * elapsed
         self._known = None
         self.expected, self.expected_variance = predict(
