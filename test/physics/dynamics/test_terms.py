@@ -14,6 +14,7 @@ from soliton_linkage.dynamics.terms import (
     DryFriction,
     HeldTorques,
     LinearDamping,
+    NonReciprocal,
     QuadraticDamping,
 )
 from soliton_linkage.linkage.chain import Array, Chain
@@ -110,6 +111,19 @@ def test_work_of_motors_between_frames_of_a_long_step():
         assert abs(many.energy_drift) < 1e-10
     few.advance()
     assert few.dissipated == pytest.approx(many.dissipated, rel=1e-8)
+
+
+def test_two_active_terms_move_a_chain_as_their_sum_does():
+    whole = dataclasses.replace(chain_of(FLIPPER, 8), non_reciprocity=2e-5)
+    half = dataclasses.replace(whole, non_reciprocity=1e-5)
+    start = with_soliton(whole, 3.0, 0.1)
+    ends = []
+    for chain, forces in ((whole, ()), (half, (NonReciprocal(half),))):
+        simulation = ElasticSimulation(chain, start.angles, start.rates, forces=forces)
+        simulation.record(0.5)
+        ends.append((*simulation.angles, simulation.dissipated))
+        assert abs(simulation.energy_drift) < 1e-8
+    assert ends[1] == pytest.approx(ends[0], rel=1e-6)
 
 
 def test_a_change_of_non_reciprocity_acts_at_the_current_frame():

@@ -43,8 +43,8 @@ VECTOR = 8
 
 ANGLES, RATES, COSINES, SINES, TORQUES, TORQUES_ON_RIGHT, ACTIVE = range(7)
 """Indices of the rows of `work`. Element n + 1 of TORQUES_ON_RIGHT is the torque that spring n
-exerts on its right rotor, n + 1. ACTIVE contains the torques of the last active term (see
-`Term.active`); TORQUES includes the torques of all terms."""
+exerts on its right rotor, n + 1. ACTIVE contains the sum of the torques of all active terms
+(see `Term.active`); TORQUES includes the torques of all terms."""
 
 SPRINGS, GRAVITY, CONSTANT, LINEAR_DAMPING, DRY_FRICTION = range(5)
 QUADRATIC_DAMPING, ON_SITE, NON_RECIPROCAL = range(5, 8)
@@ -276,7 +276,7 @@ def sum_terms(work: Array, rotors: int, kinds: NDArray[np.int64], parameters: Ar
     The term of the springs, if there is one, must be the first, and active terms must be the last.
     """
     prefer_wide_vectors()
-    power, start = 0.0, 0
+    power, start, active = 0.0, 0, False
     if kinds.shape[0] and kinds[0, 0] == SPRINGS:
         _set_springs(work, rotors, parameters, kinds[0, 1])
         start = 1
@@ -294,8 +294,15 @@ def sum_terms(work: Array, rotors: int, kinds: NDArray[np.int64], parameters: Ar
         elif kind == ON_SITE:
             _add_on_site(work, parameters, first)
         elif kind == NON_RECIPROCAL:
+            if not active:
+                active = True
+                for n in range(rotors):
+                    work[ACTIVE, n] = 0.0
             _add_non_reciprocal(work, rotors, parameters, first)
-            power += active_power(work, rotors)
+    if active:
+        for n in range(rotors):
+            work[TORQUES, n] += work[ACTIVE, n]
+        power += active_power(work, rotors)
     return power
 
 
@@ -396,8 +403,6 @@ def _add_on_site(work: Array, rows: Array, first: int) -> None:
 @inlined
 def _add_non_reciprocal(work: Array, rotors: int, rows: Array, first: int) -> None:
     for n in range(rotors):
-        work[ACTIVE, n] = 0.0
-    for n in range(rotors):
         right = n + 1 if n + 1 < rotors else 0
         sigma = rows[first + 1, n]
         difference = work[ANGLES, n] + sigma * work[ANGLES, right] - (1 + sigma) * (math.pi / 2)
@@ -405,8 +410,6 @@ def _add_non_reciprocal(work: Array, rotors: int, rows: Array, first: int) -> No
         torque = rows[first, n] * difference
         work[ACTIVE, n] += torque
         work[ACTIVE, right] -= sigma * torque
-    for n in range(rotors):
-        work[TORQUES, n] += work[ACTIVE, n]
 
 
 @compiled(const_f8_1d, const_f8_1d, const_i8_2d, const_f8_2d, f8_1d)

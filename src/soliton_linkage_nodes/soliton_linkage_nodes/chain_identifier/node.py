@@ -111,6 +111,7 @@ class ChainIdentifier(ManagedNode):
             take,
             self.diagnostics,
             raw=True,
+            longest_lag=0.0,
             parts=SerializedFrames().parts,
         )
         deviations = self.diagnostics.guarded('joint_state_deviations', self._on_deviations)
