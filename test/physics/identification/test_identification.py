@@ -204,10 +204,12 @@ def test_a_slip_beside_an_unrecorded_kick_is_named():
         identify(Readings(times, readings, names=NAMES), Chain())
 
 
-def test_stamps_with_errors_of_20_ms_are_reported_and_do_not_spoil_lengths():
-    chain, times, readings = kicked('flipper', 3)
-    late = times[::3] + np.random.default_rng(1).uniform(0, 0.02, len(times[::3]))
-    found = identify(Readings(np.sort(late), readings[::3]), Chain())
+@pytest.mark.parametrize(('name', 'seed', 'every'), [('flipper', 3, 3), ('wobbler', 4, 3)])
+def test_stamps_with_errors_of_20_ms_are_reported_and_do_not_spoil_lengths(name, seed, every):
+    chain, times, readings = kicked(name, seed)
+    times, readings = times[::every], readings[::every]
+    late = times + np.random.default_rng(1).uniform(0, 0.02, len(times))
+    found = identify(Readings(np.sort(late), readings), Chain())
     assert any(line.startswith('stamps have errors of') for line in found.warnings)
     for name in ('rotor_length', 'spacing', 'rest_length'):
         shown, true = (getattr(each, f'{name}s') for each in (found.chain, chain))

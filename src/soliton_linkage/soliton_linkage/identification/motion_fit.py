@@ -195,7 +195,7 @@ class MotionFitter:
             converged = self._prior.tolerances.is_close(before, _TOLERANCE_CHANGE)
             if self._noise > most or converged:
                 break
-        if self._noise > bar_noise:
+        if self._squared_noise() * (1 + _SIGNIFICANT * self._scatter()) > bar_noise**2:
             return None
         residuals = np.zeros_like(self._record.readings)
         for window in self._windows:
@@ -281,9 +281,10 @@ class MotionFitter:
             self._improve(_STEPS, _COARSE * self._unknowns)
             if self._correct_stamps():
                 self._improve(_STEPS, _COARSE * self._unknowns)
-            if bar_noise**2 > self._squared_noise() * (1 + _SIGNIFICANT * self._scatter()):
-                self._windows = merge_windows(self._windows, self._fits)
-                self._improve(_STEPS, _COARSE * self._unknowns)
+            before = self._squared_noise()
+            self._windows = merge_windows(self._windows, self._fits)
+            self._improve(_STEPS, _COARSE * self._unknowns)
+            if min(before, self._squared_noise()) < bar_noise**2:
                 found.append((self._cost(self._windows)[0], self._windows))
                 count = sum(float(self._counts(window).sum()) for window in self._windows)
                 spread = self._scatter() + _NOISE_SCATTER / math.sqrt(count)
@@ -311,8 +312,12 @@ class MotionFitter:
         return np.asarray(seen / self._repeats[window.frames])
 
     def _scatter(self) -> float:
-        count = sum(float(self._counts(window).sum()) for window in self._windows)
-        return math.sqrt(2 / (count * self._rotors))
+        """Return the relative standard deviation of the squared noise due to the unknowns [1].
+
+        P unknowns decrease a sum of squares in units of the variance by P on average, with the
+        variance 2 P.
+        """
+        return math.sqrt(2 * self._unknowns) / max(self._freedom(), 1.0)
 
     @property
     def _unknowns(self) -> int:
