@@ -10,7 +10,12 @@ import pytest
 from passages import FLIPPER, SPINNER, WOBBLER, passage, read, unequal
 
 from soliton_linkage.identification.adjustment import adjust
-from soliton_linkage.identification.encoder_errors import EncoderFault, bar_scores, encoder_fault
+from soliton_linkage.identification.encoder_errors import (
+    EncoderFault,
+    bar_scores,
+    encoder_fault,
+    shown_by_bars,
+)
 from soliton_linkage.identification.lengths import initial_lengths
 from soliton_linkage.identification.readings import Readings
 from soliton_linkage.linkage.chain import Array, Chain
@@ -54,3 +59,16 @@ def test_the_error_of_an_encoder_is_recognised_by_its_shape(nominal):
         fault = found_fault(nominal, change)
         assert fault is not None
         assert re.match(words, fault.text)
+
+
+@pytest.mark.parametrize('shape', [0, 1, 3], ids=['gain', 'play', 'nonlinearity'])
+def test_an_error_that_bars_do_not_show_is_reported_as_a_force(shape):
+    fault = EncoderFault('rotor_0 has an encoder with play', 100.0, 0)
+    scores, information = np.zeros(6 * 12), 1e4 * np.eye(6 * 12)
+    text = shown_by_bars(fault, NAMES, scores, information).text
+    assert text.startswith('a force that was not recorded acts near rotor_0: a hand, or a rotor')
+    assert text.endswith(fault.text)
+    scores[12 * shape] = 500.0
+    assert shown_by_bars(fault, NAMES, scores, information) == fault
+    scores[12 * shape : 12 * shape + 2] = 0.0, 500.0
+    assert shown_by_bars(fault, NAMES, scores, information) != fault

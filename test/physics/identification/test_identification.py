@@ -16,6 +16,7 @@ from soliton_linkage.identification.adjustment import adjust
 from soliton_linkage.identification.diagnosis import check_explained, length_warnings
 from soliton_linkage.identification.identification import identify
 from soliton_linkage.identification.lengths import initial_lengths, split
+from soliton_linkage.identification.mounting import absent_joints
 from soliton_linkage.identification.readings import Readings, RecordedImpulse
 from soliton_linkage.linear.rigidity import Edge, edge_mode
 from soliton_linkage.linkage.chain import Array, Chain
@@ -164,6 +165,14 @@ def test_absent_joints_are_named_in_an_error_and_in_a_warning():
     numbered = [f'joint{2 * n}' for n in range(10)]
     found = identify(Readings(TIMES, READINGS, names=numbered), Chain())
     assert found.warnings[0].startswith('the recording has no joint joint1, joint3')
+
+
+def test_a_first_joint_without_the_number_0_is_mentioned():
+    assert not absent_joints(NAMES)
+    assert absent_joints(NAMES[1:]).startswith('the first joint is rotor_1; if the chain has')
+    both = absent_joints(NAMES[1:4] + NAMES[5:])
+    assert both.startswith('the recording has no joint rotor_4;')
+    assert 'the first joint is rotor_1' in both
 
 
 @pytest.mark.parametrize(

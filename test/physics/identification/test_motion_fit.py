@@ -4,6 +4,8 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
+from passages import FLIPPER, read, unequal
 
 from soliton_linkage.dynamics.elastic import simulate
 from soliton_linkage.dynamics.initial_states import leaning
@@ -60,3 +62,26 @@ def test_merged_windows_of_a_wobbling_flipper_fit_as_well_as_the_true_motion():
     assert found is not None
     assert len(found.windows) == 1
     assert np.sum(found.residuals**2) < np.sum((readings - motion.angles) ** 2)
+
+
+@pytest.mark.parametrize('kick', [0.0, 0.4])
+def test_a_kick_where_one_window_ends_and_the_next_begins_increases_the_likelihood(kick):
+    chain = unequal(FLIPPER, 3)
+    start = leaning(chain, -1).angles
+    mode = edge_mode(chain, start, Edge.FIRST)
+    first = simulate(chain, start, 10.0 * mode, 0.6, 0.01)
+    rates = (1 + kick) * first.rates[-1]
+    second = simulate(chain, first.angles[-1], rates, 0.6, 0.01)
+    angles = np.concatenate([first.angles, second.angles[1:]])
+    readings = read(angles, 1, NOISE, 0.0)[0]
+    lengths = chain_lengths(chain).scaled(1.0)
+    mean = chain.masses.mean()
+    forces = chain.stiffnesses / mean, chain.masses / mean, 0.0
+    windows = [
+        FreeWindow(slice(0, 60), FreeMotion(lengths, *forces, start, 10.0 * mode)),
+        FreeWindow(slice(60, 121), FreeMotion(lengths, *forces, first.angles[-1], rates)),
+    ]
+    times = 0.01 * np.arange(len(angles))
+    fitter = MotionFitter(windows, times, readings, np.ones_like(readings), NOISE, tolerance=None)
+    (gain,) = fitter.gains_by_kicks([(54, 65)])
+    assert gain > 150 if kick else gain < 50

@@ -11,10 +11,10 @@ from soliton_linkage.identification.lengths import Tolerances, chain_lengths
 from soliton_linkage.identification.motion_equations import (
     Record,
     StampErrors,
+    inflated_covariance,
     window_gradient,
     window_matrix,
 )
-from soliton_linkage.identification.motion_fit import inflated_covariance
 from soliton_linkage.identification.windows import (
     FreeWindow,
     MotionPrior,

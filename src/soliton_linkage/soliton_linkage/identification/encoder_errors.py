@@ -53,6 +53,10 @@ of this size changes lengths by about 1 %."""
 _HALF_PLAY = 0.05
 """Half of the play that `error_shapes` assumes [rad]. With this value, half plays of 0.05 rad were
 estimated as 0.05 rad, and half plays of 0.1 rad as 0.07 to 0.11 rad."""
+_SHOWN = 0.1
+"""Bars show an error of an encoder if it decreases their sum of squares by more than this times
+the decrease for springs [1]. For wrong gains of 12 chains, this ratio was 0.2 to 8; for missing
+rotors, below 0.03."""
 _LARGEST_NONLINEARITY = 0.3
 """Prior standard deviation of the amplitudes of a nonlinearity [rad]. It matters only for rotors
 that turn little, whose amplitudes are not observable."""
@@ -110,6 +114,8 @@ class EncoderFault(NamedTuple):
     decrease: float
     """Decrease of the sum of squared residuals if the fit includes the error, divided by the
     variance of a reading [1]."""
+    rotor: int | None = None
+    """Number of the rotor whose encoder most likely has the error; None for all rotors."""
 
 
 def encoder_fault(joints: Sequence[str], scores: Array, information: Array) -> EncoderFault | None:
@@ -157,7 +163,28 @@ def encoder_fault(joints: Sequence[str], scores: Array, information: Array) -> E
             f'{whose} has an encoder whose error depends on the angle {_certainty(largest)}: '
             'check its counts per turn and the centring of its disc or magnet, or calibrate it'
         )
-    return EncoderFault(text, largest)
+    return EncoderFault(text, largest, worst)
+
+
+def shown_by_bars(
+    fault: EncoderFault, joints: Sequence[str], scores: Array, information: Array
+) -> EncoderFault:
+    """Return an error found by a fit of springs, with a more likely cause if bars do not show it.
+
+    `scores` and `information` are the results of `bar_scores`. An error of an encoder changes the
+    shape of a bond, which bars show. A force changes only the motion.
+    """
+    if fault.rotor is None:
+        return fault
+    rotors, rotor = len(joints), fault.rotor
+    play = float(scores[rotors + rotor] ** 2 / information[rotors + rotor, rotors + rotor])
+    if max(play, _decrease(scores, information, rotor, rotors)) > _SHOWN * fault.decrease:
+        return fault
+    text = (
+        f'a force that was not recorded acts near {joints[rotor]}: a hand, or a rotor that is '
+        f'missing before {joints[0]} or after {joints[-1]}; or {fault.text}'
+    )
+    return fault._replace(text=text)
 
 
 def _decrease(scores: Array, information: Array, rotor: int, rotors: int) -> float:

@@ -11,7 +11,11 @@ import numpy as np
 from soliton_linkage.identification.adjustment import Adjustment, adjust
 from soliton_linkage.identification.bar_motion import BarMotion, bar_motion
 from soliton_linkage.identification.diagnosis import check_explained, length_warnings, unexplained
-from soliton_linkage.identification.encoder_errors import bar_scores, encoder_fault
+from soliton_linkage.identification.encoder_errors import (
+    bar_scores,
+    encoder_fault,
+    shown_by_bars,
+)
 from soliton_linkage.identification.free_motion import FreeMotion
 from soliton_linkage.identification.kicks import fit_around_kicks
 from soliton_linkage.identification.lengths import initial_lengths
@@ -139,7 +143,8 @@ def _by_model(
     some = replace(readings, angles=readings.unwrapped).select(frames)
     inputs = found.residuals[frames], found, given, noise, tolerance, spacing_known, stages
     bar_noise = max(noise, found.noise)
-    fault = encoder_fault(readings.joints, *bar_scores(readings, found, bar_noise))
+    scores = bar_scores(readings, found, bar_noise)
+    fault = encoder_fault(readings.joints, *scores)
     clear = fault if fault and fault.decrease > _CLEAR**2 else None
 
     def excess_of(fit: MotionFit) -> tuple[float, tuple[float, float]]:
@@ -163,8 +168,8 @@ def _by_model(
     if not isinstance(fitted, str):
         fitter, fit = fitted
         check_slips(some, fit.residuals, fit.noise)
-        spring_fault = encoder_fault(readings.joints, *fitter.error_scores())
-        fault = spring_fault and (clear or spring_fault)
+        fault = encoder_fault(readings.joints, *fitter.error_scores())
+        fault = fault and shown_by_bars(fault, readings.joints, *scores)
         check_explained('springs', *excess_of(fit), fit.residuals, some, fault)
         fit = fitter.sampled(fit)
         given = _scaled(given, readings, fit.motion.gravity)

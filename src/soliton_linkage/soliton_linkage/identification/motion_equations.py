@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soliton_linkage.identification.free_motion import (
+    UnknownSlices,
     gradient_of,
     states_at,
     states_with_sensitivities,
@@ -281,3 +282,18 @@ def estimated_stamps(
     ratio = variance / noise**2
     delays *= ratio * weights / (1 + ratio * weights)
     return record._replace(times=stamps + delays, stamps=StampErrors(ratio, delays))
+
+
+def inflated_covariance(covariance: Array, samples: Array, at: UnknownSlices) -> Array:
+    """Return a covariance, (P, P), increased to the scatter of S samples of the unknowns, (S, P).
+
+    `at` contains the indices of the unknowns of each kind. The standard deviations of all lengths
+    and offsets increase by one common factor, those of all stiffnesses by a second one, and those
+    of all masses by a third one; the others do not change. If factors within a kind differed, the
+    variance of a combination in which errors compensate each other would become too large.
+    """
+    variances, factors = np.diag(covariance), np.ones(len(covariance))
+    for part in (at.lengths, at.stiffnesses, at.masses):
+        ratios = samples[:, part] ** 2 / variances[part]
+        factors[part] = max(1.0, float(np.sqrt(np.mean(ratios))))
+    return np.asarray(factors[:, None] * covariance * factors)

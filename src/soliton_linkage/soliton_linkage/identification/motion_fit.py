@@ -18,7 +18,7 @@ import numpy as np
 
 from soliton_linkage.identification.bundle import covariance_in
 from soliton_linkage.identification.encoder_errors import error_scores, error_shapes
-from soliton_linkage.identification.free_motion import FreeMotion, UnknownSlices, states_at
+from soliton_linkage.identification.free_motion import FreeMotion, states_at
 from soliton_linkage.identification.lengths import Tolerances
 from soliton_linkage.identification.motion_equations import (
     Eliminated,
@@ -27,6 +27,7 @@ from soliton_linkage.identification.motion_equations import (
     eliminated,
     error_equations,
     estimated_stamps,
+    inflated_covariance,
     quasi_newton_step,
     solver,
     window_gradient,
@@ -39,6 +40,7 @@ from soliton_linkage.identification.windows import (
     INITIAL_MASS_DEVIATION,
     FreeWindow,
     MotionPrior,
+    join_windows,
     merge_windows,
     observable_changes,
     windows_around,
@@ -217,7 +219,9 @@ class MotionFitter:
 
         `kicks` contains two frame numbers for each kick. The frames before the first number and
         the frames from the second number on have separate initial states. The frames between are
-        not used. The decrease is computed for a linearised fit.
+        not used. The decrease is computed for a linearised fit. If one window ends, and the next
+        one begins, between the two numbers, they already have separate initial states. Then both
+        windows are fitted by one motion, and the decrease is the difference of the two fits.
         """
         ends = np.linspace(*_SHARES[2:4], len(kicks) + 1).tolist()
         gains = []
@@ -232,6 +236,11 @@ class MotionFitter:
         if len(self._windows) > len(found):
             right = self._right(self._cost(self._windows)[1])
             gain = float(right @ self._solver(self._equations(), 0.0)(right))
+        else:
+            self._windows = join_windows(found, before, after)
+            if len(self._windows) < len(found):
+                self._improve(_LAST_STEPS, _SAMPLED)
+                gain = self._cost(self._windows)[0] - self._cost(found)[0]
         self._windows = found
         return gain
 
@@ -438,18 +447,3 @@ class MotionFitter:
         self._noise = max(math.sqrt(variance), LEAST_NOISE)
         self._prior = self._prior.reestimated(motion, covariance, self._tolerance)
         return covariance, information
-
-
-def inflated_covariance(covariance: Array, samples: Array, at: UnknownSlices) -> Array:
-    """Return a covariance, (P, P), increased to the scatter of S samples of the unknowns, (S, P).
-
-    `at` contains the indices of the unknowns of each kind. The standard deviations of all lengths
-    and offsets increase by one common factor, those of all stiffnesses by a second one, and those
-    of all masses by a third one; the others do not change. If factors within a kind differed, the
-    variance of a combination in which errors compensate each other would become too large.
-    """
-    variances, factors = np.diag(covariance), np.ones(len(covariance))
-    for part in (at.lengths, at.stiffnesses, at.masses):
-        ratios = samples[:, part] ** 2 / variances[part]
-        factors[part] = max(1.0, float(np.sqrt(np.mean(ratios))))
-    return np.asarray(factors[:, None] * covariance * factors)

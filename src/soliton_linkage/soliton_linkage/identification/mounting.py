@@ -157,21 +157,32 @@ def check_neighbours(readings: Array, names: Sequence[str]) -> None:
 
 
 def absent_joints(names: Sequence[str]) -> str:
-    """Return a text that lists the gaps in numbered joint names, or '' if there are none."""
+    """Return a text that lists the numbers absent from joint names, or '' if there are none.
+
+    If the first number is 1, the text only mentions that a joint 0 may be absent, because joints
+    may be numbered from 1.
+    """
     found = [re.fullmatch(r'(.*?)(\d+)', name) for name in names]
     parts = [(each[1], int(each[2])) for each in found if each]
     numbers = {number for _, number in parts}
     if len(parts) < len(names) or len({prefix for prefix, _ in parts}) > 1:
         return ''
     absent = sorted(set(range(min(numbers), max(numbers))) - numbers)
-    if not absent:
-        return ''
-    named = ', '.join(f'{parts[0][0]}{number}' for number in absent[:_MOST_NAMED])
-    more = f' and {len(absent) - _MOST_NAMED} more' if len(absent) > _MOST_NAMED else ''
-    return (
-        f'the recording has no joint {named}{more}; record all rotors, or number the joints '
-        'without gaps'
-    )
+    prefix, first = parts[0][0], min(numbers)
+    texts = []
+    if absent:
+        named = ', '.join(f'{prefix}{number}' for number in absent[:_MOST_NAMED])
+        more = f' and {len(absent) - _MOST_NAMED} more' if len(absent) > _MOST_NAMED else ''
+        texts.append(
+            f'the recording has no joint {named}{more}; record all rotors, or number the joints '
+            'without gaps'
+        )
+    if first:
+        texts.append(
+            f'the first joint is {prefix}{first}; if the chain has a rotor before it, record all '
+            'rotors'
+        )
+    return '; '.join(texts)
 
 
 def _isolated(rotors: list[int], count: int) -> bool:

@@ -133,6 +133,22 @@ def windows_around(
     return tuple(parts)
 
 
+def join_windows(windows: Sequence[FreeWindow], before: int, after: int) -> tuple[FreeWindow, ...]:
+    """Join adjacent windows if one ends, and the next begins, at a frame from `before` to `after`.
+
+    The motion of the first one continues through the second one.
+    """
+    parts: list[FreeWindow] = []
+    for window in windows:
+        begin, end = window.frames.start, window.frames.stop
+        if parts and parts[-1].frames.stop == begin and before <= begin <= after:
+            first = parts[-1]
+            parts[-1] = first._replace(frames=slice(first.frames.start, end))
+        else:
+            parts.append(window)
+    return tuple(parts)
+
+
 INITIAL_MASS_DEVIATION = 0.1
 """Prior standard deviation of log masses and log stiffnesses [1]; at 3x, some fits diverge."""
 _SMALLEST, _LARGEST = 1e-3, 0.3
