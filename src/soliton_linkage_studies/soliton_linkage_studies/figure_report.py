@@ -65,7 +65,10 @@ def chain_formula(
 
 @dataclass(frozen=True)
 class Comparison:
-    """Values of one quantity from the paper, from the corrected theory and from the simulation."""
+    """Values of one quantity from the paper, from theory and from the simulation.
+
+    The theory contains the corrections of the paper that docs/physics.md lists.
+    """
 
     quantity: str
     """Name of the quantity, with the chain and the unit."""

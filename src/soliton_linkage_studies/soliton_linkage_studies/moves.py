@@ -244,7 +244,8 @@ _REQUIRED_ACCURACY = 0.1
 _LEAST_ERROR = 1e-6
 """Smaller distances from the goal are drawn at this value [rotor spacings]."""
 _LEAST_SHARE = 1e-16
-"""Smaller energy ratios are rounding errors, and are drawn at this value [1]."""
+"""Smaller ratios of phonon energy to peak kinetic energy are rounding errors, and are drawn at
+this value [1]."""
 
 
 def draw_moves(

@@ -193,7 +193,11 @@ numbered. Springs and bars are drawn between the two rotors that they join.
 
 
 def report_page(found: Identification) -> Figure:
-    """Return a page with identified lengths, encoder offsets, and the noise of each bond."""
+    """Return a page with identified lengths, encoder offsets and noise.
+
+    The noise is the standard deviation of a reading [rad], estimated separately from the residuals
+    at each bond.
+    """
     figure = Figure(figsize=(8, 9), layout='constrained')
     lengths, offsets, bonds = figure.subplots(3, sharex=True, height_ratios=[3, 2, 2])
     for name, label, colour, shift in (

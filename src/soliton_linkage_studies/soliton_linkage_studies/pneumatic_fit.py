@@ -12,7 +12,8 @@ from soliton_linkage.actuation.actuators import PneumaticActuator
 from soliton_linkage.linkage.chain import Array
 
 _FEWEST_READINGS = 4
-"""Smallest number of readings of a step response [1]: one more than the unknowns of the fit."""
+"""Smallest number of readings of a step response [1]: one more than the unknowns of the fit, which
+are the filling time, the venting time and the initial pressure."""
 _SHORTEST_STEP = 0.05
 """The initial guess uses only those intervals between readings in which |command - pressure| is
 above this fraction of its largest value [1]."""

@@ -100,7 +100,8 @@ def study_command(
 ) -> Callable[[Sequence[str] | None], int]:
     """Return the function `main` of a study; `main` runs the study and returns the exit status.
 
-    `parser` and `options` are passed to `study_parser`, `study` and `left` to `run_study`.
+    `study_parser` receives the arguments `parser` and `options`. `run_study` receives `study` and
+    `left`.
     """
 
     def main(arguments: Sequence[str] | None = None) -> int:

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Unit cell: two rotors and the bar between them form a four-bar linkage of one degree of freedom.
 
-Let theta_1 and theta_2 be the staggered angles of the two rotors. The bar has its rest length if
+Let theta_1 and theta_2 be the staggered angles of the left and the right rotor: theta = phi for an
+even rotor, and theta = pi - phi for an odd one. The bar has its rest length if
 
     cos(theta_1 + theta_2) - cos(2 theta_bar) + (a / r) (sin(theta_2) - sin(theta_1)) = 0
 
@@ -191,7 +192,10 @@ def _partners(chain: Chain, theta_1: Array) -> tuple[Array, Array]:
 
 
 def _excess(chain: Chain) -> float:
-    """Return r sin(theta_bar)^2 - a [m], or 0 if rounding errors have changed its sign."""
+    """Return r sin(theta_bar)^2 - a [m], or 0 if rounding errors cause a wrong sign.
+
+    The value is positive for spinners, and negative or 0 for all other chains.
+    """
     excess = chain.rotor_length * math.sin(chain.rest_angle) ** 2 - chain.spacing
     spinner = chain.motion is Motion.SPINNER
     return max(excess, 0.0) if spinner else min(excess, 0.0)

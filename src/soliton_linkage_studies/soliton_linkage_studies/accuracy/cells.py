@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Test cells of the analyser: each combines a chain, its walls and the errors of its encoders.
 
-The time unit is sqrt(M / k_e) with the mass M of a rotor and the stiffness k_e of a spring.
+The time unit is sqrt(M / k_e) with the mass M of a rotor and the stiffness k_e of a spring. The
+lean ratio is d = 2 r sin(theta_bar) / a for the rotor length r, the rest angle theta_bar and the
+rotor spacing a. A chain is a spinner if d is above the critical value d_c = 2 / sin(theta_bar),
+and a wobbling flipper if d is between 1 and d_c.
 """
 
 from __future__ import annotations
@@ -24,8 +27,7 @@ _MOTIONS = tuple(Motion)
 _PERIODS = (0.05, 0.5)
 """Range of the frame period [time units]: 1000 to 100 Hz for M = 0.02 kg and k_e = 50 N/m."""
 _NEAREST = 0.02
-"""Smallest |d - d_c| / d_c of a random cell [1] for the lean ratio d and its critical value
-d_c."""
+"""Smallest |d - d_c| / d_c of a random wobbling flipper or spinner [1]."""
 _WIDEST = 3.0
 """Largest lean ratio d of spinners, divided by the critical value d_c [1]."""
 _LONGEST = 4.0
@@ -45,7 +47,8 @@ class AccuracyCell:
     noise: float
     """Standard deviation of the noise of each angle [rad]."""
     speed: float
-    """Nominal wall speed [speed of sound]."""
+    """Wall speed at the start of the scene [speed of sound]. The wall is slower if a wall of this
+    speed would break up. The value has no effect in cells without walls."""
     period: float
     """Frame period [time units]."""
     run: int
@@ -60,7 +63,8 @@ class AccuracyCell:
     wrong_reading: float = 0.0
     """Error of one random encoder in the last frame of a record [rad]; 0 means no error."""
     disorder: float = 0.0
-    """Relative standard deviation of random chain deviations, unknown to the analyser [1]."""
+    """Standard deviation of random relative deviations of spacings, rotor lengths, stiffnesses and
+    masses in the simulated chain [1]. The analyser is configured without these deviations."""
     impulse_interval: int = 0
     """Mean number of frames between two impulses on the wall [1]; 0 means no impulses."""
     impulses_known: bool = False
@@ -93,7 +97,10 @@ class AccuracyCell:
 
     @property
     def invalid_input(self) -> bool:
-        """Whether the readings show no wall, so that every reported wall is false."""
+        """Whether the readings are random, in degrees, or do not fit the configured chain.
+
+        Every reported wall is then false.
+        """
         return self.noise_only or self.degrees or self.configured_chain is not None
 
     @property

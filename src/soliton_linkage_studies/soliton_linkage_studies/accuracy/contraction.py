@@ -51,20 +51,22 @@ class ContractedWall:
     speed_deviation: float
     """Standard deviation of the speed [speed of sound]."""
     width: float
-    """Width relative to the width at rest [1]."""
+    """Measured width, divided by the theoretical width at rest `Chain.wall_width` [1]."""
     width_deviation: float
-    """Standard deviation of the width [1]."""
+    """Standard deviation of `width` [1]."""
 
 
 @dataclass(frozen=True)
 class Walls:
-    """Chain, and the kicks [a sqrt(k_e / M)] that each start one wall in it."""
+    """Chain, and the kicks of the chain at rest; each kick starts one wall."""
 
     name: str
     chain: Chain
     kicks: tuple[float, ...]
+    """Kicks v0 = r |phi_dot| [a sqrt(k_e / M)] with the norm |phi_dot| of the initial rates."""
     reference: Mapping[float, tuple[float, float]]
-    """Known result of each kick: wall speed [a sqrt(k_e / M)] and width / width at rest [1]."""
+    """Results of an independent integrator without noise for some of the kicks: wall speed [a
+    sqrt(k_e / M)], and width of a fitted tanh divided by the theoretical width at rest [1]."""
 
 
 @dataclass(frozen=True)
@@ -116,8 +118,9 @@ class ContractionStudy:
 def measured_passage(chain: Chain, times: Array, angles: Array) -> ContractedWall:
     """Analyse frames; measure speed and width of the wall while it is in the middle of the chain.
 
-    `times` [s] has shape (T,), the noisy `angles` [rad] have shape (T, N). Raises ValueError for
-    fewer than ten frames with the wall in the middle.
+    `times` [s] has shape (T,), the noisy `angles` [rad] have shape (T, N). The middle is the range
+    from 35 to 65 % of the length of the chain. Raises ValueError for fewer than ten frames with
+    the wall in this range.
     """
     analyser = Analyser(chain)
     stamps = np.rint(1e9 * times).astype(np.int64).tolist()
@@ -130,13 +133,14 @@ def passage_of(
 ) -> ContractedWall:
     """Measure speed and width of a wall on its first passage through the middle of the chain.
 
-    `frames` contains the walls found at each of the `times` [s], shape (T,). Only frames with
-    exactly one wall are used. The speed is the slope of a line fitted to the wall positions. The
-    standard deviation of the speed is the standard deviation of the difference of two positions
-    with independent errors, divided by the duration of the passage. The width is the mean over the
-    frames. The standard deviation of the width is the smallest one that the analyser states in a
-    frame; the mean is hardly more accurate, because the widths in successive frames are
-    correlated. Raises ValueError for fewer than ten frames.
+    `frames` contains the walls found at each of the `times` [s], shape (T,). The middle is the
+    range from 35 to 65 % of the length of the chain. Only frames with exactly one wall are used.
+    The speed is the slope of a line fitted to the wall positions. Its standard deviation is
+    estimated as if only the first and the last position were known, with independent errors: it is
+    sqrt(2) times the median stated standard deviation of a position, divided by the duration of
+    the passage. The width is the mean over the frames. The standard deviation of the width is the
+    smallest one that the analyser states in a frame; the mean is hardly more accurate, because the
+    widths in successive frames are correlated. Raises ValueError for fewer than ten frames.
     """
     both = zip(times, frames, strict=True)
     alone = [(time, walls[0]) for time, walls in both if len(walls) == 1]

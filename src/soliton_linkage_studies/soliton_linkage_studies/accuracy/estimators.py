@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Estimators of the wall position from one noisy frame, and their errors on known walls.
 
-The Cramer-Rao bound of the position is sigma / Lambda [rotor spacings]. The noise of the angles is
-independent and has the standard deviation sigma [rad]. Lambda is the arc length of the zero-energy
-orbit per rotor spacing [rad].
+If no spring is stretched, a chain with a wall can only move along a closed curve in the space of
+the angles, the orbit. The arc length from the start of the orbit to a state is the integral of
+sqrt(sum_n dphi_n^2) [rad]. Lambda is the increase of the arc length while the wall moves by one
+rotor spacing [rad]. The Cramer-Rao bound of the position is sigma / Lambda [rotor spacings]. The
+noise of the angles is independent and has the standard deviation sigma [rad].
 """
 
 from __future__ import annotations
@@ -66,7 +68,8 @@ class EstimatorTrial:
 
 
 Estimator = Callable[[UniformOrbit, Array, float], Estimate]
-"""Function of the orbit, the angles [rad], shape (N,), and a guess of the arc length [rad]."""
+"""Function of the orbit, the angles [rad], shape (N,), and a guess of the arc length of the state
+[rad]; only `ORBIT_NEAR` uses the guess."""
 
 
 def bound(chain: Chain, noise: float) -> float:
@@ -89,11 +92,12 @@ def estimators_of(chain: Chain) -> dict[str, Estimator]:
 def errors(chain: Chain, trial: EstimatorTrial, generator: Generator) -> dict[str, Array]:
     """Return the errors and margins of each estimator in the frames of a trial [rotor spacings].
 
-    Each array has shape (frames, 2): error and margin. The search without a guess is tested on
-    fewer frames, because it is slow. A margin is half the width of the stated 95 % interval. The
-    true walls are at random positions within `inner_positions`, on random legs. The error is NaN
-    if the estimator finds no wall, several walls or a wrong leg, or if its error exceeds both two
-    wall widths and six Cramer-Rao bounds.
+    Each array has shape (frames, 2): error and margin. The estimator `ORBIT_COLD`, which searches
+    the whole orbit, is slow. Therefore it is tested only on one of `trial.cold_every` frames, and
+    its array is shorter. A margin is half the width of the stated 95 % interval. The true walls
+    are at random positions within `inner_positions`, on random legs. The error is NaN if the
+    estimator finds no wall, several walls or a wrong leg, or if its error exceeds both two wall
+    widths and six Cramer-Rao bounds.
     """
     orbit = orbit_of(chain)
     widths = _LOST_WIDTHS * chain.wall_width / chain.spacing

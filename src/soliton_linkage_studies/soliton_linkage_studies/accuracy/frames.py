@@ -61,9 +61,11 @@ at this limit.
 """
 _STYLES = dict(zip(estimators.ESTIMATORS, cycle(zip(COLOURS, MARKERS, strict=True)), strict=False))
 _SIGNIFICANT = 3.0
-"""Biases above this count as nonzero [standard errors]; 0.3 % of unbiased cases exceed it."""
+"""The picture marks a bias as significant if it is above this [standard errors]; chance alone
+exceeds it in 0.3 % of the cases."""
 _UNBIASED = 0.002
-"""An estimator counts as unbiased if its absolute bias is below this [rotor spacings]."""
+"""Absolute bias below which an estimator is regarded as unbiased [rotor spacings], even if the
+bias is significant; a dashed line in the pictures."""
 _ROUNDING = 1e-12
 """Lower limit of the axis of noiseless biases [rotor spacings]."""
 _BEYOND = 'position beyond an even rotor [rotor spacings]'
@@ -88,7 +90,8 @@ class Accuracy:
     bound: float
     """Cramer-Rao bound: smallest standard deviation of any unbiased estimator [rotor spacings]."""
     coverage: float
-    """Fraction of frames whose stated interval contains the true position, or NaN."""
+    """Fraction of frames whose stated interval contains the true position; also NaN if the
+    estimator states no interval."""
 
     @property
     def ratio(self) -> float:

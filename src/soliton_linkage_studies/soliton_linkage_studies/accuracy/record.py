@@ -3,9 +3,10 @@
 
 Each of the n frames gives a wall position with the variance s^2 = (sigma / Lambda)^2. Here sigma
 is the standard deviation of the angle noise, and Lambda is the arc length of the orbit per rotor
-spacing. The frame period is dt. The bounds are the variances of a line that is fitted to these
-positions: 2 (2 n - 1) / (n (n + 1)) s^2 for the position in the last frame, and 12 / (n (n^2 - 1)
-dt^2) s^2 for the velocity.
+spacing. The frame period is dt. If a line is fitted to the n positions, its value in the last
+frame has the variance 2 (2 n - 1) / (n (n + 1)) s^2, and its slope, the velocity, has the variance
+12 / (n (n^2 - 1) dt^2) s^2. The square roots of these variances are the Cramer-Rao bounds of
+position and velocity: no unbiased estimator has smaller rms errors.
 """
 
 from __future__ import annotations
@@ -112,7 +113,7 @@ class RecordStudy:
         return orbit.arc_at(ahead if leg % 2 == 0 else last - ahead, leg)
 
     def bounds(self, chain: Chain) -> tuple[Array, Array]:
-        """Return bounds of the rms errors: position [rotor spacings] and relative velocity [1]."""
+        """Return the Cramer-Rao bounds of position [rotor spacings] and relative velocity [1]."""
         n = self.shown.astype(np.float64)
         single = bound(chain, self.noise)
         of_position = single * np.sqrt(2 * (2 * n - 1) / (n * (n + 1)))

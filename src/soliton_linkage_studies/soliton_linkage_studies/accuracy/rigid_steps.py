@@ -70,9 +70,10 @@ class RigidSteps:
         save_page(report, folder, 'rigid_steps', 'rigid_steps.md')
 
     def errors(self, chain: Chain) -> tuple[Array, Array, Array]:
-        """Return step counts, and the largest length and energy errors before each count.
+        """Return K step counts, and the largest relative errors between successive counts, (K,).
 
-        The errors before a count include all steps since the previous count.
+        The errors of a count are the largest relative error of a bar length [1] and the largest
+        absolute value of `Simulation.energy_drift` [1], over all steps since the previous count.
         """
         angles = chain.uniform_state(-1)
         rates = self.speed / chain.time_unit * mode_towards_last(chain, angles)

@@ -45,7 +45,9 @@ _LARGEST_DEVIATION = 0.25
 """A reported wall is false if the stated standard deviation of its position is above this [chain
 lengths]."""
 _FALSE_MISFIT = 0.5
-"""In a scene without walls, a reported wall is false if its rms misfit is above this [rad]."""
+"""If a kick has destroyed the wall of a scene, the true walls are unknown. A reported wall is then
+false if the rms misfit between the angles and a static wall at its position is above this
+[rad]."""
 _CORE = 2.5
 """The misfit of a wall is computed from rotors within this distance of the wall [rotor
 spacings]."""
@@ -259,7 +261,11 @@ class CellStudy:
         return [str(row), cell.name, *cell_values(cell), *measured, failure]
 
     def described(self) -> dict[str, Any]:
-        """Return all data that determine the rows, with a hash of the code of the estimator."""
+        """Return all data that determine the rows.
+
+        They include a hash of the package `estimation`, which contains the analyser. An
+        interrupted study can therefore continue only with the same analyser.
+        """
         return {
             'seed': self.seed,
             'frames': self.frames,

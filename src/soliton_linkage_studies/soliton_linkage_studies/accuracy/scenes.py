@@ -5,9 +5,11 @@ The position of a wall in a frame is the position of the static wall nearest to 
 position is averaged over the shorter of two times: a period of the slowest phonon, and the time in
 which the wall moves by one rotor spacing. An anti-kink may oscillate in a well of the energy.
 Therefore its averaging time is at most 1/16 of the period of this oscillation. The velocity is the
-slope of a line that is fitted to the positions over three times the averaging time. A cubic
-replaces the line in three cases: walls so slow that their speed varies between rotors, damped
-chains, and chains with force terms. With force terms, the fit extends over six times the averaging
+slope of a line that is fitted to the positions over three times the averaging time. If the scene
+has a single wall, a cubic replaces the line in three cases: walls so slow that their speed varies
+between rotors, cells with `AccuracyCell.damping`, and chains with force terms. Force terms are all
+torques of the chain other than the spring torques: damping and friction in `Chain`, motors, an
+on-site potential and feedback. With force terms, the fit extends over six times the averaging
 time, the acceleration of the cubic corrects the average, and there is no averaging near the start
 or the stop of a wall. No average extends across an impulse.
 """
@@ -40,17 +42,19 @@ from soliton_linkage_studies.accuracy.springs import ForcedSprings, Springs, spr
 _SLOW = 0.25
 """A wall is slow if it moves by less than this in a period of the slowest phonon [spacings]."""
 _SETTLED = (20, 400)
-"""Range of the number of frames between a kick and the start of a scene [1]."""
+"""Range of the number of frames between a kick that destroys the wall (`AccuracyCell.kick`) and
+the start of the scene [1]."""
 # Scenes with one wall:
 _FROM_EDGE = 1.0
 """A moving wall is not scored nearer to an edge than this [rotor spacings]; edges absorb walls."""
 _BEGIN = 2.0
 """Smallest distance of a moving wall from both edges at the start [rotor spacings]."""
 _SAMPLES = 200
-"""Number of orbit points near the first edge [1]; the search for a kicked wall starts at the point
-nearest to the rest state."""
+"""Number of orbit points near the first edge [1]. The search for a wall with `AccuracyCell.nudged`
+starts at the point nearest to the uniform state before the kick."""
 _LEGS = 2.0
-"""Longest random path of a kicked wall before the scene starts [edge-to-edge passages]."""
+"""Longest random path between the kick of a wall with `AccuracyCell.nudged` and the start of the
+scene [edge-to-edge passages]."""
 _WINDOWS, _FORCED_WINDOWS = 3, 6
 """Length of the window for the fit of a slope, divided by the length of the averaging window [1].
 The second value is for chains with force terms."""
@@ -58,7 +62,8 @@ _PERIOD_SHARE = 1 / 16
 """Longest averaging time, divided by the oscillation period of an anti-kink in a well [1]. The
 fitted slope then is the velocity with an error of 4 %."""
 _STOPPED = 0.02
-"""A wall counts as stopped if its speed is below this fraction of its largest speed [1]."""
+"""With force terms, a wall counts as stopped if its speed is below this fraction of its largest
+speed [1]."""
 _CHAINS = 200
 """Largest number of random chains that are tried to find one that a wall can pass [1]."""
 _IMPULSE_REACH = 1.5
@@ -157,8 +162,10 @@ def averages_and_slopes(
 
     If the values have the second derivative x'' with respect to the index, the average is too
     large by x'' b (b + 1) / 6. `forced`, which requires `cubic`, subtracts this error and doubles
-    the length of the fit. Near a start or stop of the wall, `forced` also replaces the average by
-    the value itself, and the slope by half the difference of both neighbours.
+    the length of the fit. If the wall starts or stops within the 6 b values before or after an
+    index, `forced` also replaces the average by the value itself, and the slope by half the
+    difference of both neighbours. The wall counts as stopped at values whose slope is below 2 % of
+    the largest slope.
     """
     means, slopes = np.empty_like(values), np.empty_like(values)
     for begin, end in pairwise([0, *breaks, len(values)]):
@@ -204,7 +211,7 @@ class _Start:
     """Simulation at the start of the scene; its chain includes the random deviations."""
     orbit: Orbit
     arc: float
-    """Approximate arc length of the orbit at the wall [rad]."""
+    """Approximate arc length from the start of the orbit to the state with this wall [rad]."""
     speed: float
     """Speed of the wall [rotor spacings / s]."""
 

@@ -35,7 +35,11 @@ _WEIGHTS = np.array([_SHARE, _SHARE, 1 - 4 * _SHARE, _SHARE, _SHARE])
 
 
 class Springs:
-    """Simulation of an elastic chain, frame by frame."""
+    """Simulation of an elastic chain, frame by frame.
+
+    The arguments are the chain, its initial angles [rad] and rates [rad/s], shape (N,) each, and
+    the frame period [s].
+    """
 
     def __init__(self, chain: Chain, angles: Array, rates: Array, period: float) -> None:
         self.chain, self.period = chain, period
@@ -68,7 +72,8 @@ class Springs:
 class ForcedSprings(Springs):
     """Simulation of a chain with force terms by `ElasticSimulation`.
 
-    The integrator of this module supports no force terms.
+    Force terms are the torques of the chain other than the spring torques, such as damping,
+    friction, motors or feedback. The integrator of this module does not contain them.
     """
 
     def __init__(self, chain: Chain, angles: Array, rates: Array, period: float) -> None:
@@ -79,7 +84,7 @@ class ForcedSprings(Springs):
         """Advance by one frame period.
 
         A change of the attribute `rates` by the caller acts as an impulse. `damping` must be None,
-        because the chain contains the damping.
+        because `Chain.damping` is simulated instead.
         """
         assert damping is None
         simulation = self._simulation
@@ -89,7 +94,7 @@ class ForcedSprings(Springs):
 
 
 def springs_of(chain: Chain, angles: Array, rates: Array, period: float) -> Springs:
-    """Return the simulation of a chain; see `Springs` for the arguments."""
+    """Return `ForcedSprings` for a chain with force terms, otherwise `Springs`."""
     forced = of_chain(chain) or chain.feedback.acts
     return (ForcedSprings if forced else Springs)(chain, angles, rates, period)
 

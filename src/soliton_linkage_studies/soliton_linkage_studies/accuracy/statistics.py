@@ -137,7 +137,11 @@ def number_text(number: float) -> str:
 
 
 def check_comparable(cells: Sequence[AccuracyCell], seed: int, earlier: Sequence[Row]) -> None:
-    """Raise ValueError if the earlier table contains none of `cells`, which belong to `seed`."""
+    """Raise ValueError if no row of the earlier table has the name and values of one of `cells`.
+
+    `cells` were drawn with `seed`, which the error message reports. With another seed, random
+    cells of the same names have other values.
+    """
     if not earlier or not {'cell', *CELL_COLUMNS, *_COMPARED} <= earlier[0].keys():
         raise ValueError('the earlier table does not contain cells; give a file cells.csv')
     known = {_key(row) for row in earlier}

@@ -112,7 +112,7 @@ class ActiveStudy:
     def drives(self) -> Drives:
         """Effect of the motors by chain name and charge.
 
-        Walls without a path of stable states are omitted.
+        Anti-kinks for which `wall_drive` raises an error are omitted.
         """
         found: Drives = {}
         for name, chain in self.chains.items():
@@ -157,7 +157,7 @@ class ActiveStudy:
 
 
 def page(study: ActiveStudy, drives: Drives, runs: Runs) -> FigureReport:
-    """Return the page with its data and the comparisons for the table."""
+    """Return the figure of the study, with its data and a table of simulation and theory."""
     report = new_report(_CAPTION, 11.0, 10.5)
     panels = report.figure.subplot_mosaic('ad;bc;ef')
     _draw_velocities(report, panels['a'], drives, runs)

@@ -2,16 +2,18 @@
 """Theory and simulations of walls in chains with non-reciprocal coupling.
 
 A chain with a wall at the site x has the coordinates q(x): q_n = phi_n if `Chain.signs` is +1 for
-the rotor n, and q_n = pi - phi_n if it is -1. The tangent is t = dq/dx. At the terminal velocity
-x_dot, the power of motors with the non-reciprocity kappa equals the power that the linear damping
-c dissipates:
+the rotor n, and q_n = pi - phi_n if it is -1. The tangent is t = dq/dx. Motors with the
+non-reciprocity kappa apply the torque kappa (q_n - q_{n+1}) to both coordinates q_n and q_{n+1} of
+each bond. At the terminal velocity x_dot, the power of the motors equals the power that the linear
+damping c dissipates:
 
     kappa x_dot g(x) = c x_dot^2 sum_n t_n^2,    g = sum_n (q_n - q_{n+1}) (t_n + t_{n+1}).
 
-The sum of t_n^2 does not depend on x. The terminal velocity, averaged over two rotor spacings, is
-therefore v = (kappa / c) <g> / sum_n t_n^2 with the mean <g> over the same distance. For wide
-walls, v tends to 2 kappa / c, both for kinks and for anti-kinks. The elastic energy V(x) of an
-anti-kink depends on x. The anti-kink is pinned if kappa g < dV/dx at one site or more.
+The sum of t_n^2 does not depend on x, because x is proportional to the arc length of the curve
+q(x). The terminal velocity, averaged over two rotor spacings, is therefore v = (kappa / c) <g> /
+sum_n t_n^2 with the mean <g> over the same distance. For wide walls, v tends to 2 kappa / c, both
+for kinks and for anti-kinks. The elastic energy V(x) of an anti-kink depends on x. The anti-kink
+is pinned if kappa g < dV/dx at one site or more.
 """
 
 from __future__ import annotations
@@ -52,8 +54,8 @@ class WallDrive:
     pinning: float
     """Smallest non-reciprocity that moves a wall at rest [N m/rad]; 0 for kinks."""
     squares: float
-    """Sum of t_n^2 over all rotors for the tangent t, averaged over the sites of the wall
-    [rad^2]."""
+    """Sum of t_n^2 over all rotors for the tangent t [rad^2]. It is averaged over the sites of the
+    wall, because interpolation errors vary from site to site."""
 
     def velocity(self, chain: Chain) -> float:
         """Return the terminal velocity in a chain with motors [rotor spacings/s]."""
@@ -64,7 +66,8 @@ def wall_drive(chain: Chain, charge: int) -> WallDrive:
     """Return the effect of the motors on a kink (charge +1) or an anti-kink (charge -1).
 
     The chain must be so long that the tails of a wall in the middle of the chain decay before the
-    ends. Raises ArithmeticError if an anti-kink has no path of stable states from site to site.
+    ends. Raises ArithmeticError if the anti-kink states of least energy at each site do not form a
+    continuous path (see `anti_kink_path`).
     """
     begin = chain.number_of_rotors / 2 - 1
     if charge > 0:
@@ -105,7 +108,9 @@ def coordinates(chain: Chain, angles: Array) -> Array:
 def wall_sites(chain: Chain, angles: Array) -> list[tuple[float, int]]:
     """Return the site [rotor spacings] and the charge of each wall, in the order of sites.
 
-    A wall is a zero of the displacement u. Edge rotors, which have two rest angles, are excluded.
+    A wall is a zero of the displacement u = r sin(phi), interpolated linearly between two rotors.
+    At a kink (charge +1), u changes from positive to negative along the chain. Edge rotors, which
+    have two rest angles, are excluded.
     """
     u = displacement(chain, angles)[1:-1]
     left = np.flatnonzero(np.signbit(u[1:]) != np.signbit(u[:-1]))

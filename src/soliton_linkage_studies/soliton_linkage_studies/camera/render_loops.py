@@ -110,11 +110,12 @@ def paint_rotors(
 ) -> None:
     """Paint the arms, labels and dots of every second rotor, starting with rotor `parity`.
 
-    The rows of `rotors` are the angles [rad], rates [rad/s] and accelerations [rad/s^2] at time 0,
-    the x coordinates of the pivots [m] and the rotor lengths [m]. `boxes` contains the left,
-    right, top and bottom limits of each rotor [pixels]. `shape` contains the radius of labels, the
-    radius of dots and the half width of arms [m]. `moments` contains the times at which each
-    picture row is rendered [s], shape (height, instants).
+    The first three rows of `rotors` are the angles [rad], rates [rad/s] and accelerations
+    [rad/s^2] at the time stamp of the picture. The other rows are the x coordinates of the pivots
+    [m] and the rotor lengths [m]. `boxes` contains the left, right, top and bottom limits of each
+    rotor [pixels]. `shape` contains the radius of labels, the radius of dots and the half width of
+    arms [m]. `moments` contains the times at which each picture row is rendered, minus the time
+    stamp [s], shape (height, instants).
     """
     label, dot, arm = shape[0], shape[1], shape[2]
     samples = moments.shape[1]

@@ -168,7 +168,7 @@ class Renderer:
 
     @cached_property
     def _paint(self) -> NDArray[np.float32]:
-        """BGR colours of arm, paper, pivots and bond, then of each kind of mass, (K, 3)."""
+        """BGR colours of arms, paper, pivot dots and bonds, then of the dots on masses, (K, 3)."""
         paints = [_ARM, _WHITE, COLOURS[0], _BOND, *COLOURS[1:]]
         table = np.array(paints, dtype=np.float32)[:, ::-1]
         return np.ascontiguousarray(np.maximum(table, 12.0))

@@ -54,6 +54,7 @@ Dashed line: critical speed of phi⁴ theory, {phi4:g} c, the limit of small d.
 _OUTCOME_COLOURS = (palette.PURPLE, palette.BLUE, palette.ORANGE, palette.GREEN, palette.BLACK)
 """Colours of collisions with 0, 1, 2, 3, and 4 or more overlaps."""
 _NAMES = ('never overlapped', '1 collision', '2 collisions', '3 collisions', 'more collisions')
+"""Labels of the same outcomes; the collisions in these labels are overlaps."""
 _SPEED, _SPEED_AFTER = 'v / c [1]', "v' / c [1]"
 
 

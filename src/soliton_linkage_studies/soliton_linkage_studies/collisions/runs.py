@@ -3,10 +3,11 @@
 
 The kink (charge +1, zero energy at rest) comes from the left, the anti-kink (charge -1, positive
 rest energy) from the right at the same speed. The ring leans left between the walls, and right
-elsewhere. The walls overlap while no rotor leans left, and each overlap counts as a collision.
-Charges alternate along a ring, so that the left wall is the kink after a collision, too. Only the
-turns of the rotors between the walls show whether the walls have passed through each other. The
-unit of length is the reach of a wall (`Collision.reach`).
+elsewhere. The walls overlap while no rotor leans left. During one collision the walls may overlap
+several times, or never. Fields, table columns and settings with the name `collisions` count the
+overlaps. Charges alternate along a ring, so that the left wall is the kink after a collision, too.
+Only the turns of the rotors between the walls show whether the walls have passed through each
+other. The unit of length is the reach of a wall (`Collision.reach`).
 """
 
 from __future__ import annotations
@@ -59,9 +60,8 @@ class Collision:
     speed: float
     """Speed of each wall [speed of sound]."""
     onwards: bool = False
-    """Whether both walls of a spinner turn the rotors in the same direction, if one follows the
-    ring from left to right. Otherwise the anti-kink turns back the rotors that the kink has
-    turned."""
+    """Whether the angles phi of a spinner increase from left to right at both walls. Otherwise
+    they increase at the kink and decrease by the same amount at the anti-kink."""
     step: float = 1.0
     """Longest integration step, multiplied by the largest angular phonon frequency [1]."""
     integrator: str = 'symplectic'
@@ -92,8 +92,9 @@ class Collision:
     def reach(self) -> float:
         """Reach of a wall [rotor spacings]: twice the penetration depth l.
 
-        The tails of a wall decay as e^(-x / l). If the lean ratio d is much smaller than 1, the
-        reach is the wall width w in flippers and 2 w in spinners.
+        The tails of a wall decay as e^(-x / l). For the wall width w (`Chain.wall_width`), the
+        reach tends to w in flippers with a lean ratio d much smaller than 1, and to 2 w in
+        spinners with d much larger than 1.
         """
         return 2 * penetration_depth(self.ring) / self.ring.spacing
 

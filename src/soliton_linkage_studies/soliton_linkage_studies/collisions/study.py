@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Collision study: each collision or window edge in a settings file gives one row of a table.
 
-A window is a range of speeds at which the walls escape after the same number of collisions.
+A window is a range of speeds at which the walls escape after the same number of overlaps. The
+walls overlap while no rotor leans left.
 """
 
 from __future__ import annotations
@@ -273,7 +274,7 @@ def series_of(rows: Sequence[Row], part: str) -> dict[str, list[Row]]:
 PHI4_SPEED = 0.2598
 """Critical speed of phi^4 theory / c [1] (Campbell, Schonfeld and Wingate 1983)."""
 CRITICAL_SPEED = 'critical speed / c [1]'
-"""Label of the critical speed, above which walls separate after one collision."""
+"""Label of the critical speed, above which walls separate after one overlap."""
 _SHAPE_MODE = math.sqrt(3)
 """Angular frequency of the shape mode of a phi^4 wall of width w, divided by c / w [1]."""
 _FEWEST = 2
@@ -282,17 +283,20 @@ _FEWEST = 2
 
 @dataclass(frozen=True)
 class BounceWindow:
-    """Bounce window: adjacent speeds at which walls escape after the same number of collisions."""
+    """Bounce window: adjacent speeds at which walls escape after the same number of overlaps."""
 
     collisions: int
+    """Number of overlaps."""
     first: float
+    """Smallest simulated speed in this window [speed of sound]."""
     last: float
+    """Largest simulated speed in this window [speed of sound]."""
     fastest: CollisionRun
-    """Collision in this window with the largest speed of the escaping walls."""
+    """Run in this window with the largest speed of the escaping walls."""
 
     @property
     def phase(self) -> float:
-        """Number of cycles of the shape mode between the first two collisions [1]."""
+        """Number of cycles of the shape mode between the first two overlaps of `fastest` [1]."""
         return _SHAPE_MODE * self.fastest.between / (2 * math.pi)
 
 
@@ -303,7 +307,11 @@ def escaped_after(row: Row) -> int | None:
 
 
 def windows(rows: Sequence[Row]) -> list[BounceWindow]:
-    """Return the bounce windows with two or more collisions, in ascending order of speed."""
+    """Return the windows in which the walls escape after two or more overlaps.
+
+    `rows` are sorted by speed, and the windows have the same order. A window contains at least two
+    adjacent rows.
+    """
     found: list[BounceWindow] = []
     for count, equal in groupby(rows, key=escaped_after):
         group = list(equal)

@@ -243,7 +243,8 @@ class TiltedRun:
     tilts: Array
     """Tilt between each frame and the next one [rad], shape (T,)."""
     positions: Array
-    """Wall position: the centre of the zero mode [rotor spacings], shape (T,)."""
+    """Wall position: sum of n e_n^2 over all rotors n with the zero mode e of norm 1 [rotor
+    spacings], shape (T,)."""
 
 
 @dataclass(frozen=True)

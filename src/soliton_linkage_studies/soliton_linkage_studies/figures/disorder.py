@@ -99,10 +99,12 @@ def _deviating(chain: Chain, fraction: float, seed: int) -> Chain:
 
 
 def _compare_passage(report: FigureReport, fractions: Array, free: Array, passed: Array) -> None:
-    """Add to `report` the fractions of rigid-bar chains that a wall crosses in both directions.
+    """Add to `report` the fractions of rigid-bar chains in which the wall crosses and returns.
 
-    `free` (whether the chain has no blocked bond) and `passed` (whether the wall crossed and
-    returned) have shape (F, K): F strengths of disorder in `fractions`, and K chains for each.
+    `fractions` contains F strengths of disorder, and there are K chains for each. The fractions
+    are added for all chains, and also for the chains without blocked bonds only (bonds that may
+    stop a wall, see `blocked_bonds`). `free` contains whether a chain has no blocked bond, and
+    `passed` whether its wall crossed and returned, both with shape (F, K).
     """
     for fraction, sufficient, passes in zip(fractions, free, passed, strict=True):
         name = f'deviations of {100 * fraction:g} %, rigid'

@@ -2,8 +2,8 @@
 """Draw the figures of the paper and additional figures, with their data and a table.
 
 Each figure is written as PNG and PDF, its data as CSV. The file table.md compares the values of
-the paper, of the corrected theory and of the simulated chain. If only some figures are drawn, the
-rows of the others remain in the table.
+the paper, of the theory with the corrections in docs/physics.md, and of the simulated chain. If
+only some figures are drawn, the rows of the others remain in the table.
 """
 
 from __future__ import annotations

@@ -47,7 +47,7 @@ _NEAR = 1.5
 
 @FIGURES.add('figure_s1')
 def figure_s1(section: Section, quick: bool) -> FigureReport:
-    """Draw wall profiles of wobbling flippers in a slow motion (paper, Fig. S1)."""
+    """Draw profiles of slowly moving walls in wobbling flippers (paper, Fig. S1)."""
     section.check_keys('chains')
     chains = list(section.chains().values())
     count = _QUICK_SNAPSHOTS if quick else experiments.SNAPSHOTS

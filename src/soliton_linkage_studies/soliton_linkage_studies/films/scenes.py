@@ -72,7 +72,8 @@ class Scene(ABC):
     caption: ClassVar[str] = ''
     """Explanation of the symbols, lines and colours that have no label in the film."""
     settings: ClassVar[Any]
-    """Class of the argument `motion`; its method `read` creates the argument from a `Section`."""
+    """Class of the settings of a film, which the constructor of a subclass receives as the
+    argument `motion`. The method `read` of this class creates the settings from a `Section`."""
 
     def __init__(
         self, title: str, subtitle: str, shape: Format, duration: float, time_unit: float
@@ -198,10 +199,11 @@ def static_profile(
 ) -> Array:
     """Return the displacement u [m] of a wall at rest in the continuum theory, at positions x [m].
 
-    The wall has the position X = `wall` [m] and the width w [m]. For flippers, u = -r
-    sin(theta_bar) tanh((x - X) / w). In a spinner whose rotors to the left of the wall lean right,
-    u = r sin(theta) with theta = theta_bar + s p arccos(-tanh((x - X) / w)). Here p is 1 for even
-    rotors (`parity` 0) and -1 for odd rotors. The sign s is determined from `angles` [rad], (N,).
+    The wall is a kink: rotors to its left lean right, and rotors to its right lean left. It has
+    the position X = `wall` [m] and the width w [m]. For flippers, u = -r sin(theta_bar) tanh((x -
+    X) / w). For spinners, u = r sin(theta) with theta = theta_bar + s p arccos(-tanh((x - X) /
+    w)). Here p is 1 for even rotors (`parity` 0) and -1 for odd rotors. The sign s is the
+    direction in which the wall turns the rotors; it is determined from `angles` [rad], (N,).
     """
     if chain.motion is not Motion.SPINNER:
         return FlipperTheory(chain).displacements(positions, wall)
