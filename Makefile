@@ -19,7 +19,7 @@ live: scenario build-demo  ## a chain in the browser to push, move and record; S
 
 # More at a time than there are cores: tests of nodes mostly wait.
 test: build develop  ## run the tests side by side; ARGS='-k nudge' goes to pytest instead
-	@$(enter) python3 -m pytest $(or $(ARGS),--numprocesses $$(($$(nproc) + 2)) --dist worksteal)
+	@$(enter) python3 -m pytest $(or $(ARGS),--numprocesses $$(($$(nproc) + 4)) --dist worksteal)
 
 test-interfaces: build develop  ## the tests of services, with substitutes for the standard packages
 	@setup/interfaces.sh

@@ -65,6 +65,10 @@ def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> 
             kept.cache_clear()
 
 
+_MOVES = ('soliton_steering', 'test_move_soliton.py')
+"""Folder and file of tests that wait until a soliton has moved."""
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Order parallel tests: long ones first, tests of nodes (which wait) among computations.
 
@@ -75,12 +79,12 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     kinds: dict[str, list[pytest.Item]] = defaultdict(list)
     for item in items:
         parts = item.path.relative_to(HERE).parts
-        apart = (part for part in ('in_browser', 'soliton_steering') if part in parts)
-        kinds[next(apart, parts[0])].append(item)
+        apart = ('in_browser', *_MOVES)
+        kinds[next((part for part in apart if part in parts), parts[0])].append(item)
     workers = config.workerinput['workercount']
     shares: list[list[pytest.Item]] = [[] for _ in range(workers)]
     # At the end, the other workers would be idle during the moves of a soliton.
-    longest = kinds.pop('system', []) + kinds.pop('soliton_steering', [])
+    longest = [item for kind in ('system', *_MOVES) for item in kinds.pop(kind, [])]
     for number, item in enumerate(longest):
         shares[number % workers].append(item)
     # The tests of a benchmark share one run, and the tests in a browser share one page.
