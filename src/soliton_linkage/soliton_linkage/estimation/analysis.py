@@ -30,7 +30,8 @@ class CyclePhase(NamedTuple):
     rate: rate of change of the phase [rad/s].
     phase_deviation: standard deviation of the phase [rad].
     rate_deviation: standard deviation of the rate of the phase [rad/s].
-    completed: number of cycles completed since arc length 0.
+    completed: number of completed cycles of the phase; 0 in the cycle between the arc length 0 and
+        the length of the orbit, negative in earlier cycles, and 0 if the phase is unknown.
     leg: number of the current leg (one passage of the wall along the chain); -1 if unknown. While
         the phase increases, the wall moves away from rotor 0 in even legs, and towards rotor 0 in
         odd legs.

@@ -134,7 +134,11 @@ class EncoderOffsets:
         return error if abs(error) > self.settings.significance * chance else 0.0
 
     def limit_weights(self, variances: Array) -> None:
-        """Limit the weight of each block to the inverse of a variance [rad^2], shape (N,)."""
+        """Reduce the weights of all earlier blocks of a rotor by the same factor.
+
+        The mean weight of these blocks is then at most 1 / `variances` [1/rad^2]. `variances`
+        [rad^2] have shape (N,).
+        """
         kept = 1 / np.maximum(self.weights * variances / np.maximum(self.means, 1), 1.0)
         self.weights *= kept
         self.sums *= kept

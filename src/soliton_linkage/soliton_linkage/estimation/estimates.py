@@ -115,9 +115,12 @@ class EventKind(enum.Enum):
     ANNIHILATION = 'annihilation'
     """A kink and an anti-kink annihilated; their energy was radiated as waves."""
     BOUNCE = 'bounce'
-    """A kink and an anti-kink collided, and each returned to the side from which it had come."""
+    """A kink and an anti-kink collided, and each returned to the side from which it had come. In
+    flippers, the two cases BOUNCE and PASSING are not distinguished, and both are BOUNCE."""
     PASSING = 'passing'
-    """A kink and an anti-kink passed through each other and exchanged charges."""
+    """A kink and an anti-kink of a spinner collided, and each continued to the other side. A wall
+    is recognised by the sense in which the angles turn across it. Charges alternate along a chain.
+    Therefore each wall then has the charge that the other one had."""
     BREATHER_FORMED = 'breather formed'
     """A kink and an anti-kink formed a bound, oscillating pair."""
     BREATHER_DECAYED = 'breather decayed'

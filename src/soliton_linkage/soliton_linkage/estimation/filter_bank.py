@@ -4,8 +4,8 @@
 The state of each filter is (s, w, b, d): arc length s along the orbit, its rate w, bias b of the
 measurement, and disturbance d. The meaning of d depends on `FilterSettings.disturbance`, the prior
 standard deviation of an unmodelled acceleration. If it is above 0, d is this acceleration
-[rad/s^2]. If it is 0, d describes unmodelled damping, which causes the acceleration d w; d is then
-a rate [1/s].
+[rad/s^2]. If it is 0, unmodelled damping causes the acceleration d w. Then d is a rate [1/s], and
+negative if the motion is damped.
 
 The steady filter assumes that the rate has no random changes, and that the measurement has no
 bias. Other filters allow random changes and a bias, or assume that an impulse has acted.
@@ -30,8 +30,8 @@ wall is inside the chain. The second one applies at an edge, where springs excha
 wall, so that its rate changes."""
 _LEAST_EVIDENCE = 0.5
 """A filter that assumes an impulse has the weight 0 unless its `odds` are above this [1].
-Sensitivity: at -inf, the reported standard deviations are 3 % larger in steady motion, and twice
-as large in single records of a few hundred frames."""
+Sensitivity: at -inf, the reported standard deviations in steady motion increase by 3 %. In a few
+records, each a few hundred frames long, they are then twice as large."""
 
 ARC, RATE, BIAS, DISTURBANCE = range(4)
 FILTER = np.dtype(
@@ -89,8 +89,8 @@ frames: number of frames since the last restart from an impulse [1].
 impulses: number of restarts from an impulse [1].
 wave_noise: spectral density of the random acceleration by waves, divided by the `rate_noise` of
     the filter [rad^2/s^3].
-ripple: variance added to the bias of each filter, because the rate has a ripple that is periodic
-    in the site of the wall [rad^2].
+ripple: variance added to the stationary variance of the bias, `bias_variance`, of each filter
+    [rad^2]. It replaces a ripple of the rate that is periodic in the site of the wall.
 """
 _FILTERS = records(FILTER, writable=True)
 _STATUS = records(STATUS, writable=True)
@@ -315,10 +315,11 @@ def assume_impulse(
 ) -> None:
     """Insert at index `base` a filter that assumes an impulse in the last time step.
 
-    Before that, each of the `older` filters from index `base` on is copied to the next index. Of
-    the filters that assume no impulse, the one with the largest weight is copied to the new
-    filter. The variances of the arc length and of the rate are then increased. `elapsed` is the
-    time step [s], and `least_impulse` is as in `STATUS`.
+    Before that, a number of filters, `older`, are moved from index `base` and the next indices to
+    the indices that follow; the filter at index `base` + `older` is overwritten. The new filter is
+    a copy of the filter with the largest weight among those that assume no impulse, but with
+    larger variances of the arc length and of the rate. `elapsed` is the time step [s], and
+    `least_impulse` is as in `STATUS`.
     """
     likeliest = 0
     for n in range(1, base):

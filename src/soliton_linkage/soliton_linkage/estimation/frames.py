@@ -76,7 +76,9 @@ class FrameClock:
         """Start the clock; a stamp more than `limit` [s] before the last one restarts it."""
         self._limit = limit
         self.time = -math.inf
-        """Time from the first frame to the last accepted frame [s]."""
+        """Stamp of the last accepted frame minus the stamp of the very first frame [s]. A restart
+        does not change the first frame, so that the time is negative if later stamps are earlier
+        than the first stamp. It is -inf before the first frame."""
         self.late = 0
         """Number of rejected late frames."""
         self.restarted = False
@@ -211,8 +213,9 @@ class OnOrbit(NamedTuple):
 def on_orbit(orbit: Orbit, estimate: OrbitEstimate, residuals: Array) -> OnOrbit:
     """Return the angles and rates at the estimated point of the orbit.
 
-    `residuals` [rad], shape (N,), are the measured angles minus the angles on the orbit. If the
-    chain is upside down, the angles are mirrored, and the rates and residuals change their signs.
+    `residuals` [rad], shape (N,), are the differences a - Phi, where Phi are the angles on the
+    orbit. Here a is the measured angle phi of a rotor, or pi - phi if the chain is upside down. If
+    it is upside down, the results are pi - Phi, and the negative rates and residuals of the orbit.
     """
     angles = orbit.configuration(estimate.arc)
     rates = orbit.tangent(estimate.arc) * estimate.rate

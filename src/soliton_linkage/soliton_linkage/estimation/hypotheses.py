@@ -38,11 +38,11 @@ class Hypothesis:
     def update_rate_shift(self, way: float, variance: float) -> None:
         """Shift the arc length after a frame has changed the estimated rate.
 
-        The inertial forces of unseen rotors deform the wall, and are proportional to the square of
-        the rate. `OrbitMeasurementModel` corrects the arc length from each frame for this
-        deformation, with the estimated rate. If the estimated rate changes, so does the
-        correction. Without this shift, the filter would interpret that change as motion of the
-        wall.
+        Inertial forces, which are proportional to the square of the rate, deform a moving wall. A
+        frame shows the deflections of seen rotors only. `OrbitMeasurementModel` computes the
+        deflections of unseen rotors from the estimated rate, and corrects the arc length from each
+        frame for them. If the estimated rate changes, so does the correction. Without this shift,
+        the filter would interpret that change as motion of the wall.
 
         `variance` is the variance of the arc length from the latest frame [rad^2], and `way` the
         distance that the wall has moved since the frame before [rotor spacings].

@@ -76,11 +76,11 @@ class LinearisedMeasurement(NamedTuple):
     largest: float
     """Largest absolute residual [rad]; infinite if a rotor is unknown."""
     unseen_share: float = 1.0
-    """Factor by which the correction for unseen rotors multiplies the variance of `arc` that these
-    rotors cause [1]."""
+    """Fraction of the variance of `arc` due to unseen rotors that remains after the correction for
+    unseen rotors [1]; 1 without this correction."""
     rate_shift: float = 0.0
-    """Correction of `arc` for the inertial forces of unseen rotors, divided by the squared rate of
-    the arc length [s^2/rad]."""
+    """Correction of `arc` for the deflections of unseen rotors by inertial forces, divided by the
+    squared rate of the arc length [s^2/rad]; 0 without this correction."""
 
     @property
     def mean_square(self) -> float:

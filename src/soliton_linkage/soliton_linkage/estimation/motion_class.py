@@ -75,6 +75,9 @@ def next_deviation(inner: float, rest_angle: float, k: float) -> tuple[float, fl
     = theta_bar + F(e). The spring between them has its rest length if
 
         cos(alpha + alpha') + k (sin(alpha) - sin(alpha')) = cos(2 theta_bar).
+
+    The lean ratio is d = 2 sin(theta_bar) / k. For the function F of the module docstring, with
+    d = 1, the argument `k` must therefore be 2 sin(theta_bar).
     """
     lean, up = math.sin(rest_angle + inner), math.cos(rest_angle + inner)
     across = k + lean

@@ -4,7 +4,8 @@
 The state of each Kalman filter is (s, w, b, d): arc length s along the orbit [rad], its rate w
 [rad/s], bias b of the measurement [rad] and disturbance d. A measurement is z = s + b + noise. The
 correlation of the bias decays to 1/e while the wall moves by half a rotor spacing, or in the time
-tau if the wall is at rest. Let u be the modelled acceleration. In a time step dt, the changes are
+tau if the wall is at rest. Let u be the modelled acceleration. If `FilterSettings.disturbance` is
+0, the changes in a time step dt are
 
     ds = w dt,   dw = (u + d w) dt + sqrt(q) dB,   b' = a b + noise of variance m^2 (1 - a^2),
 
@@ -12,9 +13,9 @@ with a = exp(-|w| dt / (Lambda / 2) - dt / tau) and q = e^2 (|w|^3 / Lambda + Q)
 dB has the variance dt. Lambda is the arc length per rotor spacing, e the random relative change of
 the rate per rotor spacing, and m the standard deviation of the bias. Q is the process noise due to
 waves, which also move a wall at rest. If the rate has a ripple that is periodic in the site, m^2
-is increased to account for it. The disturbance d is a constant [1/s] here, and describes
-unmodelled damping. At the start, d is 0 in all filters, and uncertain only in the filters with the
-smallest e above 0.
+is increased to account for it. The disturbance d is a constant [1/s] that describes unmodelled
+damping; it is negative if the motion is damped. At the start, d is 0 in all filters, and uncertain
+only in the filters with the smallest e above 0.
 
 Filters with different e and m are weighted by the likelihood of recent measurements. The steady
 filter has e = m = 0, so that old measurements affect its estimate as much as recent ones. If the
@@ -29,7 +30,8 @@ the likelihood ratio of the measurements since the impulse. If this ratio exceed
 filters restart from the state of this filter.
 
 If `FilterSettings.disturbance` is above 0, d is instead an unmodelled acceleration [rad/s^2], and
-the arc length, the rate and d have additional noise. For the steady filter,
+the arc length, the rate and d of all filters have additional noise. Without the noise sqrt(q) dB,
+which the steady filter does not have,
 
     ds = w dt + sqrt(3 r) W dB_1,   dw = (u + d) dt + sqrt(3 r) W^2 dB_2,   dd = sqrt(r) W^3 dB_3,
 
@@ -175,8 +177,8 @@ class MultipleModelFilter:
 
         `ratio` is the factor by which the rate changes in this time without external forces [1],
         `acceleration` the acceleration by modelled forces [rad/s^2], and `bandwidth` the bandwidth
-        of the disturbance [rad/s]. `ripple` is the variance that is added to each bias because of
-        a ripple of the rate [rad^2].
+        of the disturbance [rad/s]. `ripple` is added to the stationary variance of each bias
+        because of a ripple of the rate [rad^2].
         """
         self._status['ripple'] = ripple
         # Over the four rotor spacings of a reflection, the changes add up to twice the change per

@@ -138,7 +138,8 @@ class FrameNoise:
         recent = self._recent_freedoms
         total = self._squares / freedoms if freedoms else 0.0
         self.scatter = self._recent_squares / recent if recent else 0.0
-        """Mean square of the recent residuals [rad^2]."""
+        """Mean square of the residuals in the recent frames, `NoiseSettings.recent_frames`
+        [rad^2]."""
         bound = self._noise_bound(total, self._pairs, 1.0)
         significant = self._products > bound > 0
         self.persistent = self._products / self._pairs if significant else 0.0
@@ -157,7 +158,9 @@ class FrameNoise:
         self.variance = white if white > self._given * margin else self._given
         beyond = self.scatter - self.variance
         self.waves = beyond if most_recent - self.scatter < beyond else 0.0
-        """Mean square of the recent residuals without noise [rad^2]; 0 if not significant."""
+        """`scatter` minus the variance of the noise [rad^2]; 0 if not significant. It is the mean
+        square of residuals due to waves and deformations in the recent frames. `persistent` and
+        `excess` are means over many more frames."""
         most = (self._products + bound) / self._pairs if self._pairs else total
         self.least = self.variance if self._given else max(total - most, 0.0)
         """Lower bound of the variance of the noise [rad^2]; 0 while unknown."""
@@ -196,8 +199,9 @@ class RateNoise:
     The second difference of three successive rates of a rotor is r_1 - (1 + q) r_2 + q r_3, with
     the ratio q of the first time difference to the second. Two terms contribute to its variance:
     white noise of variance sigma^2 adds (1 + (1 + q)^2 + q^2) sigma^2, and a phonon of frequency w
-    adds (w dt)^4 / 2 times the squared amplitude of the phonon if both time differences are dt.
-    Only frames with short time differences are used, so that the second term is small.
+    adds (w dt)^4 V^2 / 2 if both time differences are dt. V is the amplitude of the rate of the
+    rotor in the phonon [rad/s]. Only frames with short time differences are used, so that the
+    second term is small.
     """
 
     def __init__(self, chain: Chain, settings: NoiseSettings = DEFAULTS.noise) -> None:
@@ -301,8 +305,9 @@ class ResidualVariance:
         self.at_edge = False
         """Whether the wall is at an edge."""
         self.excluded = self._shift = 0.0
-        """Covariance of an error of the arc length between two successive frames [rad^2]. The
-        error arises because rotors that waves deflect count as outliers and have less weight."""
+        """excluded: covariance of an error of the arc length between two successive frames
+        [rad^2]. The error arises because rotors that waves deflect count as outliers and have less
+        weight. _shift: this error in the latest frame [rad]."""
 
     def learn(self, view: LinearisedMeasurement) -> None:
         """Update the estimates with the residuals of a frame."""

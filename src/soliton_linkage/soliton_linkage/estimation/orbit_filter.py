@@ -44,7 +44,9 @@ _FIELD_SHARE = 0.08
 by the rms of these residuals [1]. Sensitivity: at 0, the errors in waves are 2 % larger than the
 stated standard deviations."""
 _LEAST_PROBABILITY = 0.9
-"""The chain is acquired only if all candidates together have at least this probability [1]."""
+"""A search finds candidates for the position of the chain on its orbit. The chain is acquired only
+if the sum of the probabilities of all candidates is at least this [1]. The alternative is any
+other position on the orbit."""
 
 
 def largest_deformation(orbit: Orbit) -> float:
@@ -161,10 +163,10 @@ class OrbitFilter:
         self._budget.restart()
 
     def _rate_change(self, impulses: Array, hypothesis: Hypothesis) -> float:
-        """Return the rate change t . J / sum(I t^2) [rad/s] by impulses J [N m s], for rigid bars.
+        """Return the rate change t . J / sum(I t^2) [rad/s] by impulses J [N m s].
 
-        t is the tangent, and I are the moments of inertia. If J are torques [N m], the result is
-        an acceleration [rad/s^2].
+        The springs are treated as rigid bars. t is the tangent, and I are the moments of inertia.
+        If J are torques [N m], the result is an acceleration [rad/s^2].
         """
         about = self.orbit.segment(hypothesis.motion.arc)
         within = slice(about.first, about.first + len(about.tangent))
@@ -344,10 +346,12 @@ class OrbitFilter:
 
         tau are all torques except the spring torques, t is the tangent, and I are the moments of
         inertia. gamma and c are the two results of `ComplianceCorrection.contraction`. The motion
-        contracts a wall by the factor gamma. Therefore, its rotors turn faster by this factor, and
-        adjacent rotors differ more. To account for this, the rates in friction torques and the
-        torques of motors are multiplied by gamma. The torques of potentials are not multiplied,
-        because their work per rotor spacing does not depend on the width of the wall.
+        contracts a wall by the factor gamma. Its rotors turn faster by this factor, so that the
+        rates in friction torques are multiplied by gamma. The coordinates of adjacent rotors
+        differ more by the same factor. The torques of motors are multiplied by gamma, because most
+        of them are proportional to these differences or to rates. The torques of potentials depend
+        only on the angle of the rotor itself. They are not multiplied, because their work while
+        the wall moves by a rotor spacing does not depend on its width.
         """
         chain, (passive, active) = self.orbit.chain, self._forces
         if not (len(passive.kinds) or len(active.kinds) or chain.feedback.acts):

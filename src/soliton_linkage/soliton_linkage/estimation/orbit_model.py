@@ -170,18 +170,19 @@ class UnseenRotorCorrection:
         self._orbit = orbit
         lower, upper = (edge**2 for edge in band_edges(orbit.chain))
         self.remaining = (2 * lower / (lower + upper)) ** 2
-        """Factor by which the correction multiplies the variance of the arc length that is due to
-        unseen rotors [1]."""
+        """Fraction of the variance of the arc length due to unseen rotors that remains after the
+        correction [1]."""
 
     def shift(
         self, arc: float, residuals: Array, field: float, noise: float
     ) -> tuple[float, float]:
         """Return two corrections of the arc length; zeros if they would increase its variance.
 
-        The first correction [rad] follows from the residuals of the seen rotors. The second one
-        follows from the inertial forces of the unseen rotors, and is divided by the squared rate
-        of the arc length [s^2/rad]. The variance of an angle is `field` due to waves and springs,
-        and `noise` due to noise [rad^2]. `residuals` [rad] are NaN for unseen rotors.
+        The first correction [rad] is for the deflections of unseen rotors by springs, which follow
+        from the residuals of the seen rotors. The second one is for their deflections by inertial
+        forces, and is divided by the squared rate of the arc length [s^2/rad]. The variance of an
+        angle is `field` due to waves and springs, and `noise` due to noise [rad^2]. `residuals`
+        [rad] are NaN for unseen rotors.
         """
         unseen = np.isnan(residuals)
         tangent = self._orbit.tangent(arc)
@@ -214,10 +215,11 @@ class UnseenRotorCorrection:
 
 
 _SAMPLES = 32
-"""Number of samples of the compliance mu per rotor spacing [1]. The interpolation error is 2 %."""
+"""Number of samples per rotor spacing of the compliance mu, which `ComplianceCorrection` defines
+[1]. The interpolation error is 2 %."""
 _LOWEST_ORDER = 0.2
-"""`rate_ratio` corrects the rate w only to lowest order, and therefore only if 3 mu w^2 is at most
-this [1]."""
+"""`rate_ratio` corrects the rate w of the arc length only to lowest order in mu w^2, and therefore
+only if 3 mu w^2 is at most this [1]."""
 _PERIOD = 2
 """A moving wall has the same shape again after this distance [rotor spacings], because even and
 odd rotors differ."""
@@ -238,7 +240,9 @@ ripple [1/rotor spacing]."""
 class ComplianceCorrection:
     """Correction of the rate w of a wall for the compliance mu of the chain.
 
-    The momentum is I (w + 2 mu w^3), with the moment of inertia I of a rotor.
+    The compliance mu [s^2] is defined by the momentum I (w + 2 mu w^3) of a moving wall, with the
+    rate w of the arc length and the moment of inertia I of a rotor. If the bars were rigid, mu
+    would be 0.
     """
 
     def __init__(self, orbit: Orbit) -> None:

@@ -75,7 +75,9 @@ class EdgeRotors(NamedTuple):
     """States of the first and the last rotor.
 
     toggled: whether each rotor has toggled (see `Orbit`); None for spinners.
-    turns: number of turns of each rotor, counted from a uniform state [1]; NaN for flippers.
+    turns: angle of each rotor minus its angle in a uniform state, divided by 2 pi [1]; NaN for
+        flippers. The uniform state leans right, or left if the chain is turned (see
+        `polarised_bonds`).
     """
 
     toggled: tuple[bool, bool] | None
@@ -113,7 +115,11 @@ class FrameErrors(NamedTuple):
 
 
 class ArcRate(NamedTuple):
-    """Rate of the arc length and its standard deviation, divided by `Orbit.free_rate` [rad/s]."""
+    """Rate of the arc length and its standard deviation [rad/s].
+
+    Both are divided by the number `Orbit.free_rate`, so that the kinetic energy of a moving wall
+    is (I / 2) rate^2 in any chain. I is the moment of inertia of a rotor without deviations.
+    """
 
     rate: float
     deviation: float = 0.0
@@ -136,9 +142,11 @@ def energy_reach(chain: Chain) -> float:
 def polarised_bonds(chain: Chain, angles: Array) -> tuple[Array, bool]:
     """Return the polarisation of each bond, shape (springs,), and whether the chain is turned.
 
-    The polarisation is 1 in the right-leaning and -1 in the left-leaning uniform state. A flipper
-    is turned if it is upside down, and a spinner is turned if it leans left before its kink. The
-    angles [rad] have shape (N,).
+    The levers A and B of a bond are the derivatives of its length with respect to the angles of
+    its left and of its right rotor. The polarisation is here (A^2 - B^2) / (A^2 + B^2), divided by
+    `uniform_polarisation`. It is 1 in the right-leaning and -1 in the left-leaning uniform state,
+    also if the chain is turned. A flipper is turned if it is upside down, and a spinner is turned
+    if it leans left before its kink. The angles [rad] have shape (N,).
     """
     springs = np.empty((3, chain.number_of_springs))
     twists, upright = state_loops.of_angles(
@@ -257,10 +265,11 @@ class StateReporter:
     def _edge_rotors(self, angles: Array, shape: state_loops.Shape) -> EdgeRotors:
         """Return the states of the edge rotors.
 
-        In the left-leaning state of a flipper with the lean ratio d, the lever A_0 has the sign of
-        d - 1, and the lever B_n has the sign of (-1)^(n+1). If the flipper is upside down, both
-        signs are opposite. The first rotor has toggled if A_0 has another sign, and the last rotor
-        if B_{N-2} has another sign.
+        An edge rotor of a flipper has toggled if its lever has not the sign that it has in the
+        left-leaning state (see `Orbit`). The levers are A_0 of the first and B_{N-2} of the last
+        rotor. In the left-leaning state, A_0 has the sign of d - 1, with the lean ratio d = 2 r
+        sin(theta_bar) / a, and B_{N-2} has the sign of (-1)^(N-1). If the flipper is upside down,
+        both signs are opposite.
         """
         chain = self.chain
         twists, upright, at_first, at_last = shape

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Shapes of walls at rest, as tables of staggered angles, and compiled fits of these shapes.
 
-Kinks are computed exactly, and so are anti-kinks for a lean ratio d < 1. The anti-kinks of all
+Kinks are computed exactly. So are anti-kinks if the lean ratio d = 2 r sin(theta_bar) / a is below
+1, with the rotor length r, the rest angle theta_bar and the rotor spacing a. The anti-kinks of all
 spinners and of some wobbling flippers are pinned, so that they rest only at certain sites; their
 shapes are computed at such a site. All other anti-kinks have the shape of the mirrored kink, which
 is exact in the continuum limit.
@@ -321,7 +322,10 @@ class WallShapes:
 
     @cached_property
     def pinning_speed(self) -> float:
-        """Least speed at which an anti-kink passes from site to site [spacings/s]; 0 if pinned."""
+        """Least speed at which an anti-kink passes from site to site [spacings/s].
+
+        It is set to 0 if anti-kinks are pinned, because it is then not computed.
+        """
         try:
             return barrier_speed(
                 self._window, *anti_kink_path(self._window, float(self._sites[0]))

@@ -141,7 +141,8 @@ class WallMeasurement(NamedTuple):
     bias: float = 0.0
     """Variance of a persistent error of the site [rotor spacings^2]."""
     pinning: float = 0.0
-    """Speed at which the kinetic energy equals the barrier between two sites [spacings / s]."""
+    """Speed at which the kinetic energy equals the barrier between two sites [spacings / s]; 0 if
+    there is no barrier or the barrier is not computed."""
     estimate: OrbitEstimate | None = None
     """Estimate of the `OrbitFilter` if it has measured the wall; None for a fit."""
 
@@ -276,7 +277,9 @@ class Encounter:
         self.overlaps = False
         """Whether the two walls overlap, so that the last frame does not show either of them."""
         self.when = self._moved = time
-        """Time of the first overlap [s]; before an overlap, time of the smallest distance [s]."""
+        """when: time of the first overlap [s], or of the smallest distance if there has been no
+        overlap. _moved: time of the last frame that shows both walls, or a large swing of a
+        rotor near `site` [s]."""
         self.site = line.midpoint(left.rotor, right.rotor)
         """Midpoint between the walls at the time `when` [rotor spacings]."""
         self.passed = False

@@ -177,7 +177,11 @@ def passage_scatter(values: Array, variances: Array) -> float:
 
 
 class TheoryWidth:
-    """Width of walls in continuum theory; NaN for flippers with a lean ratio d of 2 or more."""
+    """Width of walls in continuum theory.
+
+    It is NaN for flippers with a lean ratio d = 2 r sin(theta_bar) / a of 2 or more, because their
+    walls do not have the profile tanh(x / w) that defines the width w.
+    """
 
     def __init__(self, chain: Chain) -> None:
         theory = wall_theory(chain)

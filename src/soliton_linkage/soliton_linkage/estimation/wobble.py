@@ -312,9 +312,10 @@ class WobbleReporter:
         angles by whole turns.
 
         A rotor deviates by e from the uniform state, and its outer neighbour by e'. Without waves,
-        e' = F(e) (see `next_deviation`), with the slope F'(0) = lambda_0 = (1 - d) / (1 + d) for
-        the lean ratio d. With waves, the tail ratio lambda is fitted to e' = F(e) + (lambda -
-        lambda_0) e on both sides of the wall. The wavelength is fitted to the zeros of the tails.
+        e' = F(e), which `next_deviation` computes with the rotor spacing and the rotor length of
+        the chain. The slope F'(0) is then lambda_0 = (1 - d) / (1 + d) for the lean ratio d. With
+        waves, the tail ratio lambda is fitted to e' = F(e) + (lambda - lambda_0) e on both sides
+        of the wall. The wavelength is fitted to the zeros of the tails.
         `noise` is the standard deviation of the angles [rad], and `persistent` is the rms of the
         persistent differences from the orbit [rad].
         """

@@ -123,8 +123,9 @@ class SteeringSettings(CheckedQuantities):
     """The reference restarts if the soliton is farther than `max_error` from it. After missing
     frames, one to three restarts are enough. A load that exceeds the force of the actuators
     displaces the soliton until this number of restarts is reached; the soliton is then released.
-    Sensitivity: at 0.5x, such a load displaces it by 15 rotor spacings less before the release; at
-    2x, by 30 rotor spacings more."""
+    Sensitivity in a long chain: at 0.5x, such a load displaces the soliton by 15 rotor spacings
+    less before the release; at 2x, by 30 rotor spacings more. These displacements are the changes
+    of `max_restarts` times `max_error`. In a short chain, the soliton reaches an edge before."""
 
     max_gap: float = quantity(
         5.0, 'time without frames after which the soliton may have moved', 'frame periods', 1.0
