@@ -30,16 +30,16 @@ because they could drive a real chain."""
 _MOST_BAGS = 200
 """Largest number of listed bags [1]. Older bags are not listed."""
 _TRACK_POINTS = 500
-"""Number of points to which a long trajectory is reduced [1], about one per pixel of the time
-line. The reduced trajectory may have up to twice as many points."""
+"""Smallest number of points to which a long trajectory is reduced [1], about one per pixel of the
+time line. Only every n-th point is kept, so that up to twice as many points may remain."""
 
 
 @dataclass(frozen=True)
 class CataloguedBag:
     """Contents of a bag, read from the metadata file.
 
-    Stamps are reception times since the epoch [ns]. Times count from the start of the bag [s],
-    without the pauses of the recorder.
+    The stamp of a message is its reception time since the epoch [ns], not the stamp in its header.
+    Times count from the start of the bag [s], without the pauses of the recorder.
     """
 
     name: str
@@ -89,12 +89,12 @@ class BagTrack:
     """Reception time [s] and site coordinate of the soliton [rotor spacings] for each point. The
     site coordinate is None if the chain has no soliton at this time."""
     stamps: Array
-    """Stamps in the headers of the messages [s], shape (n,)."""
+    """Stamps in the headers of the messages that were read, since the epoch [s], shape (n,)."""
     times: Array
-    """Reception times of these messages [s], shape (n,)."""
+    """Reception times of these messages, since the start of the bag [s], shape (n,)."""
 
     def time_of(self, stamp: float) -> float:
-        """Return the estimated reception time [s] of a message from its stamp [s].
+        """Return the estimated reception time [s] of a message from the stamp in its header [s].
 
         The delay between stamp and reception varies during a recording. Therefore the delay of the
         message with the nearest stamp is added. The result is NaN if the track has no messages.

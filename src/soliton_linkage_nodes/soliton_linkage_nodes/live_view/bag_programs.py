@@ -283,8 +283,8 @@ class BagReplay(_BagProgram):
     async def _show_frame(self, at: float) -> None:
         """Play messages of a paused replay until a frame and its soliton_state have arrived.
 
-        `at` is the time of the frame [s]. Frames that are nearer to the time before the seek are
-        ignored.
+        `at` is the time of the frame [s]. A frame is ignored if it is nearer to the position
+        before the seek than to `at`, because it may have been sent before the seek.
         """
         chain = self._finder.chains.get(self.namespace)
         if chain is None or self.bag is None:

@@ -171,9 +171,10 @@ class ChainModel:
     def packed(self, index: int, first: int, last: int) -> bytes:
         """Return the present state as a binary message of the kind 'frame' for the page.
 
-        The message contains angle, spring extension and zero mode of each rotor from `first` to
-        `last`, unless these are more than 1500 rotors. `index` is the index of the chain in the
-        list of chains that the page receives.
+        The message contains an overview of all rotors. It also contains angle, spring extension
+        and zero mode of each rotor from `first` to `last` (inclusive), but not if these are more
+        than 1500 rotors. `index` is the index of the chain in the list of chains that the page
+        receives.
         """
         first = max(0, min(first, self.rotors - 1))
         last = max(first, min(last, self.rotors - 1))

@@ -295,8 +295,9 @@ def _until(kept: Mapping[int, object], last: int) -> list[int]:
 class ChainFinder:
     """Chains in the ROS graph, and the latest report of each node.
 
-    The method `update` takes the messages from the subscriptions of `node`. An executor would take
-    them first. Therefore `node` must not be added to an executor.
+    The namespace `expected` is listed even if no node publishes in it. The method `update` takes
+    the messages from the subscriptions of `node`. An executor would take them first. Therefore
+    `node` must not be added to an executor.
     """
 
     def __init__(self, node: Node, expected: str) -> None:
@@ -332,7 +333,7 @@ class ChainFinder:
     def late_share(self, namespace: str) -> float | None:
         """Return the fraction of late frames in the last 10 s, or None if it is unknown.
 
-        The simulator publishes a late frame more than one period after its deadline.
+        A frame is late if the simulator publishes it more than one period after its deadline.
         """
         counts = self._deadlines.get(namespace)
         while counts and counts[0][0] < time.monotonic() - _LATE_SPAN:

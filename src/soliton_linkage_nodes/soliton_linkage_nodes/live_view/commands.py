@@ -29,8 +29,8 @@ from soliton_linkage_nodes.runtime.guarded import ACTION_QOS, SERVICE_QOS
 _ANSWER_TIMEOUT = 60.0
 """Longest wait for the answer to a command [s]. The page shows a warning after 2 s."""
 _ACCEPTED_TIME = 2.0
-"""Longest wait for the effect of an accepted command in last_kick [s]. After this time the answer
-only states that edge_actuator accepted the command."""
+"""Longest wait until last_kick reports the effect of an accepted command [s]. After this time the
+answer only states that edge_actuator accepted the command."""
 _PARAMETERS_TIMEOUT = 3.0
 """Longest wait until the parameter services of a node are available [s]."""
 _POLL_INTERVAL = 0.02
@@ -115,10 +115,10 @@ class ChainCommands:
     async def drive(
         self, kind: str, edge: str, value: float, times: tuple[float, float, float], **wave: Any
     ) -> str:
-        """Publish an edge_command.
+        """Publish an edge_command. `edge_command_of` describes `kind`, `edge` and `value`.
 
-        `edge_command_of` defines the unit of `value`. `times` are duration, ramp up and ramp down
-        [s]. `wave` contains the other fields of a waveform.
+        `times` are duration, ramp up and ramp down [s]. `wave` contains those fields that only a
+        waveform has, such as `shape` and `frequency`.
         """
         message = views.edge_command_of(kind, edge, value, *times, **wave)
         lasting = any(times) or bool(wave)
@@ -263,9 +263,9 @@ class ChainCommands:
         raise ValueError(f'{move.state}: {move.message}')
 
     def follow(self, received_at: float, figures: Mapping[str, str]) -> None:
-        """Update the shown move, of any client, from the values in a report of soliton_steering.
+        """Update `move`, which any client may have requested, from a report of soliton_steering.
 
-        `received_at` is the reception time of the report on the monotonic clock [s].
+        `figures` are the values in the report, which arrived at the monotonic time `received_at`.
         """
         if received_at <= self._reported_at or 'moves begun' not in figures:
             return

@@ -131,7 +131,10 @@ class Page:
         self._dark = ui.dark_mode(None)
 
     async def build(self, plots: str) -> None:
-        """Build the page in steps, so that other browsers continue to receive frames."""
+        """Build the page. `plots` is the HTML text of the plots.
+
+        The page is built in steps, because the same thread sends frames to other browsers.
+        """
         ui.add_head_html(
             '<link rel="stylesheet" href="/live/live.css">'
             '<script type="module" src="/live/live.js"></script>'

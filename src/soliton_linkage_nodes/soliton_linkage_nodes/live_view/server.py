@@ -28,7 +28,7 @@ _PICTURES = Path(__file__).parent / 'docs' / 'pictures'
 _START_TIMEOUT = 30.0
 """Time limit for the start of the server [s]. NiceGUI needs several seconds on a busy machine."""
 _LONGEST_PERIOD = 0.2
-"""Longest time between two calls of `tick` under high load [s]."""
+"""Longest time between two calls of `tick` by `PageServer` under high load [s]."""
 _LARGEST_MESSAGE = 65536
 """Largest accepted message from a browser [bytes]."""
 _COOKIE = 'soliton_linkage_live_view'
@@ -96,7 +96,10 @@ def application(
 
 
 class PageServer:
-    """Web server in a thread of its own. The thread also calls `tick` periodically."""
+    """Web server in a thread of its own.
+
+    The thread also calls the function `tick` periodically, which processes new messages.
+    """
 
     def __init__(
         self,

@@ -67,7 +67,10 @@ class View:
 
     @property
     def versions(self) -> list[int]:
-        """List of version numbers. It changes whenever `descriptions` changes."""
+        """Version numbers of the played bag and of each chain.
+
+        The list changes whenever `descriptions` changes.
+        """
         return [self.replay.played, *(c.model.version for c in self.chains.values())]
 
     def descriptions(self) -> dict[str, Any]:

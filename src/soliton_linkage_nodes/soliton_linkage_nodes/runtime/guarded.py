@@ -38,7 +38,7 @@ class GuardedNode(Node):
 
     @property
     def subscriptions(self) -> Iterator[Subscription]:
-        """Subscriptions whose messages executors take."""
+        """Subscriptions for executors, without those whose messages the node takes itself."""
         return (each for each in super().subscriptions if each not in self._undispatched)
 
     def dispatch(self, subscription: Subscription, dispatched: bool) -> None:

@@ -143,7 +143,8 @@ def wait_for_subscriber(
 ) -> bool:
     """Wait for at least `fewest` subscribers, and then until their number is constant for 1 s.
 
-    Returns False if there are fewer subscribers after `seconds` or if `stopping` is set.
+    Returns False if `stopping` is set, or if there are fewer subscribers after `seconds`. The wait
+    for a constant number has no time limit.
     """
     stopped = stopping or threading.Event()
     deadline = time.monotonic() + seconds

@@ -49,7 +49,8 @@ _CONVERTING: WeakSet[Node] = WeakSet()
 def declare(node: Node, parameters: type[Parameters], prefix: str = '') -> Parameters:
     """Declare the fields of a dataclass as parameters, and return an instance with their values.
 
-    Only fields with a quantity are declared. Raises ValueError if a value is not allowed.
+    Only fields that the function `quantity` defines are declared. Raises ValueError if a value is
+    not allowed.
     """
     quantities = described_fields(parameters)
     if quantities and all(node.has_parameter(prefix + name) for name in quantities):
@@ -87,7 +88,8 @@ def make_adjustable(node: Node, name: str) -> None:
 def reject_unknown(node: Node) -> None:
     """Raise ValueError if the user has set a parameter that the node has not declared.
 
-    A node without parameters of the chain ignores `chain.*`, which files set for all nodes.
+    A node that has no parameters of the chain ignores `chain.*`, because parameter files set these
+    parameters for all nodes.
     """
     declared = set(node.get_parameters_by_prefix(''))
     knows_chain = any(name.startswith(_SHARED) for name in declared)

@@ -31,8 +31,9 @@ from soliton_linkage_nodes.runtime.parameters import reject_unknown
 _SPIN = 0.02
 """Longest time between two checks of a condition if no message arrives [s]."""
 _SHARE_OF_PERIOD = 0.1
-"""Switch interval of the interpreter divided by the period of the frames [1]. A thread that needs
-the interpreter can wait for one switch interval, so that a frame can be late by 0.1 periods.
+"""Switch interval of the interpreter, divided by the period at which a node publishes frames [1].
+The period is 1 / `frame_rate`; nodes without this attribute do not count. A thread that needs the
+interpreter can wait for one switch interval, so that a frame can be late by 0.1 periods.
 Sensitivity: at 0.5x, waiting threads wake up twice as often; at 2x, a frame can be late by 0.2
 periods."""
 _SHORTEST_INTERVAL = 1e-4

@@ -11,10 +11,12 @@ from dataclasses import dataclass
 from soliton_linkage_nodes.runtime.stamps import SECOND
 
 _SILENCE = 0.5
-"""Shortest silence of the selected publisher after which it is replaced by another one [s]. The
-ROS graph cannot replace this time limit, because it still lists a killed publisher for 20 s."""
+"""Of several publishers on a topic, a node uses only one, the selected publisher. Another one
+replaces it if it has sent nothing for at least this time [s]. The ROS graph cannot replace this
+time limit, because it still lists a killed publisher for 20 s."""
 _SILENT_PERIODS = 5
-"""The silence must also last for this number of mean message periods of the publisher [1]."""
+"""The silence of the selected publisher must also last for this number of its mean message
+periods [1]."""
 _MEMORY = 20
 """The period of a publisher is averaged over about this many messages [1]."""
 _GAP_RATIO = 3.0
@@ -24,8 +26,9 @@ of the publisher times the increase of the sequence number."""
 _NANOSECOND = 1e-9
 """One nanosecond [s]."""
 _OFFSET_WINDOW = 10.0
-"""Length of a time window [s]. In each window, the smallest delay of a message is determined. The
-windows are short because clocks drift."""
+"""Length of a time window of `Lag` [s]. In each window, `Lag` determines the smallest delay of a
+message, which includes the offset between the clocks of two machines. The windows are short,
+because this offset changes with time."""
 
 
 class SequenceGaps:
@@ -84,8 +87,10 @@ class MissedStarts:
     def missed(self) -> int:
         """Number of messages sent after the recorder started and before the first received one.
 
-        Publishers that probably sent some messages before the start do not count. Publishers with
-        an unknown period do not count either.
+        If the first received message of a publisher has the number n, the publisher contributes
+        n - 1. It contributes 0 if its period is unknown. It also contributes 0 if n - 1 periods
+        are longer than the time from the start of the recorder to this message, because it then
+        probably began before the recorder.
         """
         before = ((each.number - 1, each) for each in self._newcomers)
         return sum(count for count, each in before if count * each.period <= each.elapsed)
@@ -144,8 +149,9 @@ class _Publisher:
 
         t is the time since the last message of the publisher. The expected time t0 is `period`
         times the increase of the sequence number. The result is infinite if the number does not
-        increase. If `period` is unknown, or t or t0 is not positive, the result is 0 for the next
-        number, and log(3) for a later one.
+        increase. If `period` is unknown, or t or t0 is not positive, t and t0 cannot be compared.
+        The result is then 0 for the next number. For a later number it is log(`_GAP_RATIO`), the
+        largest value of a probable message.
         """
         count, took = number - self.number, sent - self.sent
         if count <= 0:
@@ -250,8 +256,9 @@ class _Share:
 
 
 _ABSENCE = 5.0
-"""Time limit for groups of publishers [s]. When a message has no part in common with any group,
-groups without a kept message for this time are discarded, so that a new group can begin."""
+"""Time limit for groups of publishers [s]. There are at most as many groups as publishers. When a
+message has no part in common with any group, groups without a kept message for this time are
+discarded. Otherwise, groups whose publishers have ended would prevent a new group."""
 
 
 class StreamArbitration:

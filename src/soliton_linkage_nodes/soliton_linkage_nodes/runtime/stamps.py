@@ -80,7 +80,10 @@ class ClockMonitor:
             self._least, self._latest = behind, now
 
     def figures(self) -> dict[str, float]:
-        """Return the offset [s] and its drift [ppm] by name; {} if there is no new message."""
+        """Return the offset [s] and its drift [ppm] by name; {} if there is no new message.
+
+        The drift is omitted in the first 10 s.
+        """
         if self._least is None:
             return {}
         least, at, self._least = self._least, self._latest, None

@@ -80,7 +80,10 @@ class AdaptiveSubscription:
 
     @property
     def as_requested(self) -> bool:
-        """Whether reliability and durability agree with `topic`, without an adaptation."""
+        """Whether the subscription has the reliability and the durability of `topic`.
+
+        They differ if the publishers require another quality of service.
+        """
         return _same_offer(self.qos, self.topic.qos)
 
     @property

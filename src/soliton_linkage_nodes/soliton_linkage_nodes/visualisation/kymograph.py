@@ -21,7 +21,9 @@ _HEIGHT = 400
 _MOST_ROWS = 1000
 """Largest number of rotors in a picture [1]. In a longer chain, every n-th rotor is shown."""
 _LEVELS = 2048
-"""Number of colours [1]. It is large, because the colour varies strongly near the rest state."""
+"""Number of colours, which belong to equally spaced displacements [1]. It is large, because the
+colour changes fast with the displacement near a rest state of the chain. With fewer colours, steps
+would be visible there."""
 _BLANK, _TRACK, _BORDER = 217, 0, 255
 """Grey levels of missing data, of the line that shows the position of a wall, and of the border of
 this line [1]. Displacements have other colours."""

@@ -70,7 +70,11 @@ class DrawingPublisher:
         """Set the chain to draw, and delete the drawing of the previous chain."""
 
     def _wanted(self, number: int) -> bool:
-        """Return whether a subscriber has not received the drawing with this number yet."""
+        """Return whether a subscriber still needs a drawing of the newest message.
+
+        `number` is the number of messages that have arrived. A drawing is needed if this number
+        has changed since the last drawing, or if there are more subscribers than at the last call.
+        """
         subscribers = self.publisher.get_subscription_count()
         more, self._subscribers = subscribers > self._subscribers, subscribers
         if not subscribers or (number == self._drawn and not more):
@@ -136,7 +140,7 @@ class MarkerPublisher(DrawingPublisher):
 
 
 class PosePublisher(DrawingPublisher):
-    """Publisher of the position of the first soliton."""
+    """Publisher of the position of the first soliton, which is the one nearest to rotor 0."""
 
     name = 'soliton_pose'
 

@@ -107,9 +107,10 @@ class ObservedChain:
     def describe(self) -> str:
         """Return a text about the chain and its nodes, one line per subject.
 
-        The first lines are the phase on the orbit of zero-energy configurations and the energies,
-        if they are known. The next lines are the node reports with a warning or an error or, if
-        there is none, the number of nodes that report OK.
+        The first lines contain the position on the periodic orbit (phase, leg and number of
+        cycles, which the message Cycle defines) and the energies, if they are known. The next
+        lines are the node reports with a warning or an error or, if there is none, the number of
+        nodes that report OK.
         """
         numbers, lines = self.numbers, []
         if math.isfinite(numbers.get('phase', math.nan)):

@@ -25,11 +25,12 @@ box encloses rotors that point up or down."""
 _LETTERS = 40
 """Ratio of the length of the chain to the height of the letters [1]."""
 _AT_REST = 1e-4
-"""Lower limit of the spring extension that is drawn in the brightest colour, relative to the rest
-length [1]. Because of this limit, the springs of a chain at rest are grey."""
+"""The brightest colour of a spring shows the largest extension in the drawing, but at least this
+extension, relative to the rest length [1]. Because of this limit, the springs of a chain at rest
+are grey."""
 _DECAY = 0.98
-"""Smallest ratio of the spring extension with the brightest colour to that in the previous drawing
-[1]. The colours therefore change slowly when the extensions decrease."""
+"""From one drawing to the next, the extension with the brightest colour decreases at most by this
+factor [1]. The colours therefore change slowly when the extensions decrease."""
 
 
 class Shape(NamedTuple):
@@ -58,7 +59,7 @@ class WallBox(NamedTuple):
 
 
 class ChainScene:
-    """Drawing of a chain. The angles may have any values."""
+    """Drawing of a chain. The angles may be such that springs are stretched or compressed."""
 
     def __init__(self, chain: Chain) -> None:
         self.chain = chain
