@@ -14,7 +14,7 @@ from soliton_linkage.linkage.chain import Array
 
 _POINTS_PER_PERIOD = 64
 """Number of profile points per period of the highest frequency [1]. The interpolation error is 0.1
-% of the amplitude. Sensitivity: at 0.5x, the error is four times as large."""
+% of the amplitude. Sensitivity: with half this number, the error is four times as large."""
 _MOST_POINTS = 200_000
 """Largest number of profile points [1]; the start of a waveform takes 1 ms per 4000 points."""
 

@@ -180,8 +180,9 @@ def _covariance(bundle: Bundle, basis: Array, tolerances: Tolerances) -> tuple[f
 
 
 _CHANCE = 3.0
-"""A bond is reported if its distance from a limit is smaller than this, and corrected if it
-violates the limit by less than this [standard deviations of the distance]."""
+"""A bond that violates no limit is reported if its distance from a limit is smaller than this
+[standard deviations of the distance]. A bond that violates a limit is corrected if it violates
+the limit by less than this."""
 _MARGIN = 1e-3
 """After a correction, the distance of a bond from the limit is this times its spacing [1]."""
 _ROUNDS = 5
@@ -224,16 +225,17 @@ def _deviations(slopes: Array, covariance: Array) -> Array:
 
 
 def _room(lengths: Lengths) -> tuple[Array, Array]:
-    """Return the distances of all K = N - 1 bonds from two limits [m], (2 K,), and derivatives.
+    """Return the distances of all K = N - 1 bonds from two limits, (2 K,), and derivatives.
 
-    The first K elements are distances from the first limit, and the last K from the second one.
-    The derivatives by the P unknowns are (2 K, P). A negative distance means that the bond
-    violates the limit.
+    Distances have the same unit as the lengths. The first K elements are distances from the first
+    limit, and the last K from the second one. The derivatives by the P unknowns are (2 K, P). A
+    negative distance means that the bond violates the limit.
 
     For a bond with the rest length l, the spacing a and the rotor lengths r_n and r_(n+1), the
-    first distance is l - a - |r_n - r_(n+1)|. The second one is the absolute value of
-    s = a + l - r_n - r_(n+1), with a negative sign if s has another sign than on most bonds:
-    s is positive in flippers and negative in spinners, in which the rotors turn fully.
+    first distance is l - a - |r_n - r_(n+1)|. The second one follows from
+    s = a + l - r_n - r_(n+1), which must have the same sign on all bonds: it is positive in
+    flippers, whose rotors swing, and negative in spinners, whose rotors turn fully. The second
+    distance is |s|, with a negative sign if the sign of s differs from its sign on most bonds.
     """
     r, a, rest = lengths.rotor_lengths, lengths.spacings, lengths.rest_lengths
     left, right = r[:-1], r[1:]

@@ -11,9 +11,10 @@ tangent t, and a mass-weighted speed u, the equations of motion are
 with the masses m_n, the rotor lengths r_n, gravity g, the damping c, and the dry friction b, whose
 torque is nearly constant at rates above w.
 
-Errors dp of the lengths change the angles of the orbit by -R^T (R R^T)^-1 (df/dp) dp, where f are
-the misclosures of the bonds (see `bundle`) and R = df/dphi. Errors e of the encoder offsets shift
-the measured arc lengths by t^T e.
+Let dp be the true minus the estimated logarithms of the lengths, and e the true minus the
+estimated encoder offsets. The angles of the true orbit minus the angles of the estimated orbit are
+-R^T (R R^T)^-1 (df/dp) dp, where f are the misclosures of the bonds (see `bundle`) and
+R = df/dphi. The arc lengths that are computed from the readings are too large by t^T e.
 """
 
 from __future__ import annotations

@@ -43,13 +43,17 @@ _LARGEST_ERROR = 0.3
 
 
 class Misclosures(NamedTuple):
-    """Misclosures f [m] of the bonds in T frames, and their first derivatives, each (N - 1, T)."""
+    """Misclosures f of the bonds in T frames, and their first derivatives, each (N - 1, T).
+
+    Here, length is the unit of the `Lengths`.
+    """
 
     values: Array
+    """Misclosures f [length]."""
     first: Array
-    """Derivatives by the angle of the left rotor, df_n / dphi_n [m/rad]."""
+    """Derivatives by the angle of the left rotor, df_n / dphi_n [length/rad]."""
     second: Array
-    """Derivatives by the angle of the right rotor, df_n / dphi_{n+1} [m/rad]."""
+    """Derivatives by the angle of the right rotor, df_n / dphi_{n+1} [length/rad]."""
     slopes: Array
     """Derivatives of f_n by log r_n, o_n, log a_n, log l_n, log r_{n+1} and o_{n+1}; the shape is
     (N - 1, T, 6)."""

@@ -38,9 +38,9 @@ with a standard deviation larger than this [1]."""
 
 
 def unexplained(noise: float, spreads: tuple[float, float]) -> list[str]:
-    """Return a text for each limit that a model exceeds.
+    """Return a text for each value that is too large for a model that explains the readings.
 
-    `noise` and `spreads` are arguments of `check_explained`.
+    The values are the `noise` and the two `spreads`; `check_explained` defines them.
     """
     lengths, masses = spreads
     faults = []
@@ -120,9 +120,10 @@ def length_warnings(chain: Chain) -> list[str]:
 def obstacle_warnings(chain: Chain, lengths: Lengths, covariance: Array) -> list[str]:
     """Return warnings about bonds that may stop walls, and about bonds near one of two limits.
 
-    A bond may stop walls if its lengths in `chain` violate a limit (see `solitons.passage`). A
-    bond is near a limit if its `lengths` violate none, but are closer to one than three standard
-    deviations, computed from `covariance`.
+    `lengths` are the lengths of `chain` in units of its mean spacing, and `covariance` is the
+    covariance of their unknowns. A bond that violates a limit may stop walls (see
+    `solitons.passage`). Any other bond is near a limit if its distance from the limit is smaller
+    than three standard deviations of this distance.
     """
     warnings = [
         f'bond {each.bond} may stop a soliton: its spring of {each.rest_length:.4g} m '

@@ -4,9 +4,12 @@
 A fit assumes that a reading is y = o + phi. An encoder error of size g adds g s to the reading,
 where the shape s is a function of time that depends on the kind of error. For the gain, s is the
 angle phi. For play of the coupling, g is half of the play; s is -1 while the rotor turns forwards,
-because the encoder then lags behind, and 1 while it turns backwards. A slip while the rotor turns
-has nearly the same shape as play. Nonlinearity, for example of an encoder disc that is not centred
-on the axis, is described by sin(phi), cos(phi), sin(2 phi) and cos(2 phi), together with the gain.
+because the encoder then lags behind, and 1 while it turns backwards. If the coupling slips once
+while the rotor turns, the reading changes by a step. Play has nearly the same shape, because s
+changes by a step when the rotor begins to turn in the other direction. Nonlinearity, for example
+of an encoder disc that is not centred on the axis, is described by sin(phi), cos(phi), sin(2 phi)
+and cos(2 phi), together with the gain.
+
 If the normal equations of the unknowns p are A dp + B g = b, and the normal equations of the
 errors are B^T dp + D g = c, then the estimated errors g and their information S are
 
@@ -54,9 +57,11 @@ _HALF_PLAY = 0.05
 """Half of the play that `error_shapes` assumes [rad]. With this value, half plays of 0.05 rad were
 estimated as 0.05 rad, and half plays of 0.1 rad as 0.07 to 0.11 rad."""
 _SHOWN = 0.1
-"""Bars show an error of an encoder if it decreases their sum of squares by more than this times
-the decrease for springs [1]. For wrong gains of 12 chains, this ratio was 0.2 to 8; for missing
-rotors, below 0.03."""
+"""A fit of rigid bars confirms an encoder error that a fit of springs shows if errors of the same
+encoder decrease its sum of squares by more than this times the decrease in the fit of springs [1].
+For wrong gains of 12 chains, this ratio was 0.2 to 8. It was below 0.03 if a rotor before the
+first or after the last joint was missing in the recording; its force then looked like an encoder
+error."""
 _LARGEST_NONLINEARITY = 0.3
 """Prior standard deviation of the amplitudes of a nonlinearity [rad]. It matters only for rotors
 that turn little, whose amplitudes are not observable."""
@@ -169,10 +174,12 @@ def encoder_fault(joints: Sequence[str], scores: Array, information: Array) -> E
 def shown_by_bars(
     fault: EncoderFault, joints: Sequence[str], scores: Array, information: Array
 ) -> EncoderFault:
-    """Return an error found by a fit of springs, with a more likely cause if bars do not show it.
+    """Return `fault`, with a more likely cause in its text if a fit of bars does not confirm it.
 
-    `scores` and `information` are the results of `bar_scores`. An error of an encoder changes the
-    shape of a bond, which bars show. A force changes only the motion.
+    `fault` is an encoder error that a fit of springs shows. `scores` and `information` are the
+    results of `bar_scores`. An encoder error causes misclosures of the bonds, so that a fit of
+    bars also shows it. A force on a rotor changes only the motion. Therefore, an unrecorded force
+    is the more likely cause of an error that only the fit of springs shows.
     """
     if fault.rotor is None:
         return fault

@@ -46,7 +46,8 @@ of 40 rotors, steps of this length change the information on any combination of 
 _BATCH = 32
 """Number of frames whose sensitivities are in memory at one time; for 40 rotors they need 3 MB."""
 _SLIDING = 0.1
-"""Rate w above which dry friction is nearly constant [rad/s]; at 0.5x, more steps are needed."""
+"""Rate w above which dry friction is nearly constant [rad/s]; with half this rate, the integration
+needs more steps."""
 FORCE_UNKNOWNS = 3
 """Number of unknowns of the forces: damping c, dry friction b and log gravity."""
 

@@ -66,8 +66,9 @@ _ADJUSTMENTS = 6
 _CLEAR = 12.0
 """An encoder error that the fit of bars shows counts as clear if it is larger than this [standard
 deviations]; strained springs cause apparent errors of up to 10. The fit of springs hides a part of
-an encoder error, because masses and stiffnesses adapt to it. Therefore a clear error is reported
-if the fit of springs does not explain the readings, or shows any encoder error."""
+an encoder error, because masses and stiffnesses adapt to it. Therefore, a clear error is reported
+if the fit of springs fails or does not explain the readings. If it explains them, only errors that
+it shows itself are reported."""
 _MOST_FITTED = 3000
 """Largest number of frames in the fit of a motion; for 40 rotors, this fit takes 20 s or more."""
 

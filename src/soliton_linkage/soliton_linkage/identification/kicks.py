@@ -23,8 +23,9 @@ _CANDIDATES = 5
 _KICK_FRAMES = 7
 """Number of successive frames whose residuals are averaged in the search for a kick."""
 _BEFORE_KICK = 0.06
-"""Frames are not used from this time [s] before an estimated kick to `ARRIVAL` after it, because
-the time of the kick is uncertain."""
+"""Frames are not used from this time before an estimated kick [s], because the time of the kick is
+uncertain. They are used again when the time `windows.ARRIVAL`, the largest delay of an impulse,
+has passed after the kick."""
 _SUSPICIOUS = 1.05
 """If springs do not fit without a kick, a kick is accepted only if the residual noise of rigid
 bars is at least this times the residual noise of springs with the kick [1]."""
@@ -35,8 +36,8 @@ standard deviations of this decrease [1]."""
 _STEP_NOISE = 0.02
 """The speed before and after a possible kick is averaged over so many frames that its standard
 deviation due to noise is this fraction of the root mean square speed [1]. Sensitivity: in 14 of 16
-recordings, the largest change of the speed is at the kick; at 0.5x, this is so in 14, and at 2x in
-12."""
+recordings, the largest change of the speed is at the kick; with half this value, this is also so
+in 14 recordings, and with twice this value in 12."""
 _FEWEST = 8
 """Smallest number of frames over which the speed on each side of a kick is averaged [1]."""
 _SMALLEST_STEP = 0.08

@@ -27,7 +27,10 @@ _LONGEST_STEP = 0.2
 
 @dataclass(frozen=True)
 class Lengths:
-    """Lengths of a chain of N rotors with free ends, and offsets of its encoders."""
+    """Lengths of a chain of N rotors with free ends, and offsets of its encoders.
+
+    In the fits, the unit of all lengths is the mean spacing instead of 1 m.
+    """
 
     rotor_lengths: Array
     """Lengths r from pivot to mass [m], (N,)."""

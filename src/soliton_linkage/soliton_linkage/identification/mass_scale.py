@@ -28,7 +28,8 @@ from soliton_linkage.identification.windows import FreeWindow
 from soliton_linkage.linkage.chain import Array
 
 _BEFORE = 50
-"""Number of fitted frames before the impulses; at 2x, the initial rates are 3 times as precise."""
+"""Number of fitted frames before the impulses; with twice this number, the initial rates would be
+3 times as precise, but the fits would take longer."""
 _AFTER = 25
 """Number of fitted frames after the impulses; they show most of the effect of the impulses."""
 _MOST = 5

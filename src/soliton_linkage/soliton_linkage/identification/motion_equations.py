@@ -97,7 +97,7 @@ def quasi_newton_step(
     """Return a step of the quasi-Newton method L-BFGS (Nocedal, 1980).
 
     `right` is the right side of the normal equations, and `solve` solves them approximately.
-    `pairs` contains the previous steps, each with the change of the gradient that it caused.
+    `pairs` contains the previous steps, each with the decrease of the right side that it caused.
     """
     factors = []
     for step, change in reversed(pairs):
@@ -168,10 +168,10 @@ class Record(NamedTuple):
         return StampErrors(_ANY_VARIANCE, self.times).whitened(pulls, errors)
 
     def whitened(self, frames: slice | NDArray[np.intp], pulls: Array, errors: Array) -> Array:
-        """Return the whitened residuals of B frames from the motion at the recorded times, (B, N).
+        """Return the whitened residuals of B frames at the recorded times, (B, N).
 
-        `pulls` and `errors` are the weighted rates and residuals at the estimated times. The rates
-        times the delays are added to these residuals, and the sum is whitened.
+        `pulls` and `errors` are the weighted rates and residuals at the estimated times. The
+        weighted residuals at the recorded times are `errors` plus `pulls` times the delays.
         """
         if self.stamps.variance:
             errors = errors + pulls * self.stamps.delays[frames, None]
@@ -210,9 +210,10 @@ def window_matrix(
 def window_gradient(
     window: FreeWindow, record: Record, states: Array, shapes: Array | None = None
 ) -> Array:
-    """Return the right side, (Q,), of the normal equations with the matrix of `window_matrix`.
+    """Return the right side of the normal equations whose matrix `window_matrix` returns.
 
-    `states` are the angles and rates in the B frames of the window, (B, 2, N).
+    The shape is (Q,), or (Q + K N,) with the `shapes` of K kinds of errors. `states` are the
+    angles and rates in the B frames of the window, (B, 2, N).
     """
     times = record.times[window.frames]
     weights, pulls, errors = record.weighted(window, None, states)
@@ -285,12 +286,17 @@ def estimated_stamps(
 
 
 def inflated_covariance(covariance: Array, samples: Array, at: UnknownSlices) -> Array:
-    """Return a covariance, (P, P), increased to the scatter of S samples of the unknowns, (S, P).
+    """Return a covariance with standard deviations increased to the scatter of samples.
 
-    `at` contains the indices of the unknowns of each kind. The standard deviations of all lengths
-    and offsets increase by one common factor, those of all stiffnesses by a second one, and those
-    of all masses by a third one; the others do not change. If factors within a kind differed, the
-    variance of a combination in which errors compensate each other would become too large.
+    `covariance`, (Q - 2 N, Q - 2 N), is the covariance of the unknowns of the chain. `samples`,
+    (S, Q - 2 N), are S samples of these unknowns minus their fitted values. `at` contains the
+    indices of the unknowns of each kind.
+
+    The standard deviations of all lengths and offsets increase by one common factor: the root mean
+    square of the ratios of samples to standard deviations, or 1 if this is larger. The standard
+    deviations of all stiffnesses have a second factor, and those of all masses a third one; the
+    others do not change. If factors within a kind differed, the variance of a combination in which
+    errors compensate each other would become too large.
     """
     variances, factors = np.diag(covariance), np.ones(len(covariance))
     for part in (at.lengths, at.stiffnesses, at.masses):

@@ -48,8 +48,8 @@ from soliton_linkage.identification.windows import (
 from soliton_linkage.linkage.chain import Array
 
 _GROWTH_MASS_DEVIATION = 0.03
-"""Prior standard deviation of log masses and log stiffnesses while windows are merged [1]; at 3x,
-the stiffnesses of two of ten wobbling flippers were wrong by 8 to 10 %."""
+"""Prior standard deviation of log masses and log stiffnesses while windows are merged [1]; with
+three times this value, the stiffnesses of two of ten wobbling flippers were wrong by 8 to 10 %."""
 _STEPS = 6
 """Largest number of steps of a fit between two mergers of windows [1]; 2 or 3 are usual."""
 _LAST_STEPS = 40
@@ -60,7 +60,7 @@ _CONVERGED = 0.1
 """The fit of the longest windows ends when the expected decrease of -2 log likelihood in a step is
 smaller than this [1]."""
 _COARSE = 0.1
-"""The same limit for the fit of shorter windows, divided by the number of unknowns [1]."""
+"""For the fit of shorter windows, this limit is `_COARSE` times the number of unknowns [1]."""
 _SAMPLED = 1.0
 """The same limit for the fit of a sample of the posterior [1]."""
 _STIFFNESS_FACTORS = (1, 1 / 5, 5)
@@ -100,8 +100,9 @@ _SHARES = 0.3, 0.55, 0.7, 0.8, 0.99
 """Fractions of the work that are done after each of five stages [1]: search for the initial
 stiffness, merging of windows, estimation of the tolerances, search for kicks, and samples."""
 _INITIAL_DAMPING = 0.1
-"""Damping factor of the first step if the expected decrease is large (see `_FAR`) [1]. At 0, some
-fits of wobbling flippers end in a local minimum that looks like a kick; at 0.01, they do not."""
+"""Damping factor of the first step if the expected decrease is large (see `_FAR`) [1]. Without
+damping, some fits of wobbling flippers end in a local minimum, whose residuals look as if a kick
+had acted; with a damping factor of 0.01, they do not."""
 _DAMPED = 1e-3
 """If the damping factor is not smaller than this [1], a small expected decrease does not count as
 convergence, because the damping may have caused it."""
@@ -323,8 +324,8 @@ class MotionFitter:
     def _scatter(self) -> float:
         """Return the relative standard deviation of the squared noise due to the unknowns [1].
 
-        P unknowns decrease a sum of squares in units of the variance by P on average, with the
-        variance 2 P.
+        A fit of P unknowns decreases the sum of squared residuals. This decrease, divided by the
+        variance of a reading, has the mean P and the variance 2 P.
         """
         return math.sqrt(2 * self._unknowns) / max(self._freedom(), 1.0)
 

@@ -33,8 +33,9 @@ _QUANTILES = 0.02, 0.98
 _WEIGHTINGS = 4
 """Number of successive fits of a curve [1]; each fit uses weights from the previous one."""
 _FLATTEST = 0.1
-"""The weight of a frame in the fit of a curve is 1 / sqrt(d^2 + this^2), with the derivative d [1]
-of the misfit by the angles. Without this term, frames with d near 0 would dominate."""
+"""The weight of a frame in the fit of a curve is 1 / sqrt(d^2 + this^2) [1]. Here d is the norm of
+the derivatives, by the two angles, of the difference between the two sides of Freudenstein's
+equation. Without this term, frames with d near 0 would dominate."""
 _BETTER = 0.8
 """The sign of an encoder counts as reversed if the misfit with the opposite sign is less than this
 times the misfit with the recorded sign [1]."""

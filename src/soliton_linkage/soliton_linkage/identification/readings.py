@@ -34,14 +34,14 @@ _SHORTEST = 30
 _RESET_STEP = 0.1
 """A rotor counts as stepping if its angle changes by more than this between two frames [rad]. A
 reset of a simulation makes many rotors step at once. Sensitivity: 1.7 % of 1440 resets are missed;
-at 0.5x, 1.5 % are missed, and at 2x, 2.5 %."""
+with half this value, 1.5 % are missed, and with twice this value, 2.5 %."""
 _RESET_ROTORS = 2
 """A reset is assumed only if at least this many rotors step [1]; a single encoder may slip."""
 _RESET_RATIO = 4.0
 """A reset is assumed only if the norm of the changes of all angles between two frames is larger
 than this times the norms one frame earlier and one frame later [1]. For moving walls at 10 to 500
-frames per second, this ratio was at most 2.3. Sensitivity: 1.7 % of 1440 resets are missed; at
-0.5x, 1.0 % are missed, and at 2x, 3.4 %."""
+frames per second, this ratio was at most 2.3. Sensitivity: 1.7 % of 1440 resets are missed; with
+half this value, 1.0 % are missed, and with twice this value, 3.4 %."""
 _LARGEST_RELATIVE_DEVIATION = 100.0
 """Standard deviations, divided by the typical one, are limited to values from 1 / this to
 this [1]."""

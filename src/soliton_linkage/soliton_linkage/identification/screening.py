@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Checks of a recording before identification, and of the residuals after identification.
 
-The staggered angles of a rotor (phi_n for even n, pi - phi_n for odd n) before and after the
-passage of a wall are symmetric about a centre. If all encoders have a correct zero, the centres of
-all rotors are 0, or all are pi.
+In a flipper, the staggered angles of a rotor (phi_n for even n, pi - phi_n for odd n) before and
+after the passage of a wall are symmetric about a centre. If all encoders have a correct zero, the
+centres of all rotors are 0, or all are pi.
 """
 
 from __future__ import annotations
@@ -145,12 +145,14 @@ def check_zeros(readings: Array, names: Sequence[str]) -> None:
 
 
 def _zero_errors(readings: Array) -> Array:
-    """Return approximate zero errors of the encoders, as staggered angles [rad], (N,).
+    """Return approximate zero errors of the staggered angles [rad], (N,).
 
-    In a flipper, a zero error is the mean of the staggered angles before and after the passage of
-    a wall. A wall turns the rotors of a spinner by half a turn. Therefore, in a spinner, the
-    directions of a rotor before and after the passage are compared separately with the mean
-    directions of all rotors.
+    For odd rotors, they have the opposite sign of the zero errors of the encoders. In a flipper, a
+    zero error is the mean of the staggered angles before and after the passage of a wall (minus pi
+    if the chain is upside down). In a spinner, each passage turns the rotors by half a turn, so
+    that this mean is undefined. Therefore, the direction of a rotor before the passage is compared
+    with the mean direction of all rotors before the passage, and the same is done after the
+    passage. The zero error is the mean of the two differences.
     """
     sine = np.sin(readings)
     clear = np.abs(sine) > _LEANING * np.median(np.abs(sine), axis=0)
@@ -200,9 +202,9 @@ longer run may be a slip of the encoder."""
 _SPARSE = 3.0
 """Readings beside a frame interval longer than this times `dense_interval` are not searched for
 errors [1], because a rotor may turn far in such an interval. Sensitivity: if 20 % of the frames
-are lost, 89 % of the wrong readings are found; at 0.5x, 17 % are found, and at 2x, all. With each
-of the three values, 54 correct recordings, whose intervals reach 8 times the dense one, pass all
-checks."""
+are lost, 89 % of the wrong readings are found. With half this value, 17 % are found, and with
+twice this value, all. With each of the three values, 54 correct recordings, whose intervals reach
+8 times the dense one, pass all checks."""
 _PASSES = 6
 """Largest number of searches for wrong readings [1]; a large error hides smaller ones near it."""
 
@@ -278,7 +280,11 @@ def _run_excess(angles: Array, limits: Array, length: int) -> Array:
 
 
 def _curve_weights(length: int) -> Array:
-    """Return the weights of six adjacent angles in five predictions of a run (see `isolated`)."""
+    """Return the weights of six adjacent angles in five predictions of a run.
+
+    The predictions are the cubic curve, the two lines before and the two lines after the run that
+    `isolated` describes. The shape is (5, `length`, 6).
+    """
     places = np.array([-3, -2, -1, length, length + 1, length + 2])
     nodes = [1, 2, 3, 4], [1, 2], [0, 2], [3, 4], [3, 5]
     weights = np.zeros((len(nodes), length, len(places)))

@@ -26,9 +26,9 @@ _FEWEST_FRAMES = 30
 ARRIVAL = 0.05
 """Largest delay between the command of an impulse and its effect [s]."""
 _MERGED = 2
-"""Largest number of windows that are merged into one at a time [1]. Sensitivity: at 2x, the fit of
-a wobbling flipper takes up to four times as long, because the initial motions of the merged
-windows fit badly."""
+"""Largest number of windows that are merged into one at a time [1]. Sensitivity: with twice this
+number, the fit of a wobbling flipper takes up to four times as long, because the initial motions
+of the merged windows fit badly."""
 _LONGEST_WINDOW = 1600
 """Largest number of frames in a merged window; in longer windows, the fit is less linear."""
 _GAP = 8.0
@@ -150,7 +150,8 @@ def join_windows(windows: Sequence[FreeWindow], before: int, after: int) -> tupl
 
 
 INITIAL_MASS_DEVIATION = 0.1
-"""Prior standard deviation of log masses and log stiffnesses [1]; at 3x, some fits diverge."""
+"""Prior standard deviation of log masses and log stiffnesses [1]; with three times this value,
+some fits diverge."""
 _SMALLEST, _LARGEST = 1e-3, 0.3
 """Limits of the estimated standard deviation of log masses and log stiffnesses [1]."""
 _DAMPING_RATE = 1.0

@@ -40,11 +40,13 @@ LARGEST_DRIFT = 0.01
 """Largest accepted drift of a clock [1]; the resonator of an Arduino Uno has half this drift."""
 _FROM_THE_FUTURE = 0.25
 """The time of a measurement is implausible if it is later than its arrival by more than this [s],
-both on the receiver's clock. A clock that has restarted usually gives such times, because a
-decrease of the time counts as the end of a period `CLOCK_RANGE`. A proved change of the clock
-counts as a jump if it is smaller than this [s], otherwise as a restart."""
+both on the receiver's clock. A clock that has restarted usually gives such times: a decrease of
+its time is interpreted as an overflow of its counter, so that 71.6 minutes (`CLOCK_RANGE`) are
+added. A change of the clock that is proved (see `_CONFIRMATIONS`) counts as a jump if it is
+smaller than this [s], otherwise as a restart."""
 _FROM_THE_PAST = 10.0
-"""Largest plausible delay [s]; if delays are larger, the controller's clock has stopped."""
+"""Largest plausible delay [s]. Larger delays are implausible; they occur, for example, if the
+controller's clock has stopped for some time."""
 _SMALLEST_JUMP = 1e-3
 """Smallest jump of a clock that is detected [s]; at twice this value, undetected jumps bias the
 drift more."""
@@ -69,8 +71,8 @@ quarter of this number, a rare interval seems unusual; at four times this number
 than an interval is corrected later."""
 _SHORT = _REMEMBERED // 8
 """Number of compared delays that are shorter than their lower octile [1]. Sensitivity on a busy
-computer: at half this number, some frames that waited in a queue seem early; at twice this number,
-some jumps of 50 ms are missed."""
+computer: at half this number, the limit for early messages (see `_EARLY`) is so close to the line
+that some correct messages exceed it; at twice this number, some jumps of 50 ms are missed."""
 _WRONG_TIMES = _REMEMBERED // 16
 """Largest expected number of wrong times among the compared messages without a checksum [1]."""
 _CONFIRMATIONS = 3

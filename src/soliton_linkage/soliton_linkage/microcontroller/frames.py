@@ -240,7 +240,11 @@ class FrameDecoder:
         self.protocol: Protocol | None = None
         self.frames = 0
         self.corrupted = 0
-        """Number of invalid frames in the protocol of the last valid frame."""
+        """Number of invalid frames so far.
+
+        Input is not counted if its protocol differs from the protocol of the last valid frame at
+        that time, nor before the first valid frame.
+        """
         self.complaint = ''
         """Error message about the last invalid frame."""
         self.reset()
