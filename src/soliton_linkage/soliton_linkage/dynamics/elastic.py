@@ -26,10 +26,10 @@ class ElasticSettings(SimulationSettings):
 
     longest_step: float = 5.0
     """Longest step of scipy's solvers, multiplied by the larger of `fastest_vibration` and
-    `fastest_decay` of the `EquationOfMotion` [1]. DOP853 is stable up to 6. Sensitivity: at 0.5x,
-    the computation takes 1.6 times as long for a moving soliton and twice as long for a chain at
-    rest; at 2x, it takes equally long for a moving soliton and half as long for a chain at rest.
-    """
+    `fastest_decay` of the `EquationOfMotion` [1]. DOP853 is stable up to 6. With longer steps,
+    vibrations grow until the error control shortens the steps. Sensitivity: at 0.5x, the
+    computation takes 1.6 times as long for a moving soliton and twice as long for a chain at rest;
+    at 2x, it takes equally long for a moving soliton and half as long for a chain at rest."""
     symplectic_fraction: float = 0.1
     """Tolerance of `SymplecticNystrom`, divided by the tolerance of the simulation [1]. At 0.1,
     a simulation of a kicked chain of 12 rotors has the same error as a simulation by DOP853.

@@ -32,7 +32,7 @@ _ROTORS_TOGETHER = 640
 """Largest number of rotors in one batch of chains [1]. One core simulates a batch, so that an
 ensemble with fewer rotors in total uses only one core. Sensitivity for 256 chains of 20 rotors
 with an error of 1e-5 rad: at 0.25x, 0.5x and 2x, the computation takes 1.4, 1.2 and 0.9 times as
-long; with smaller errors, these times differ by less than 15 %."""
+long as at 1x. With smaller errors, these three times differ from that at 1x by less than 15 %."""
 _EQUAL = ('friction_rate', 'on_site_order', 'on_site_phase')
 """Parameters of force terms that must have the same value in all chains of a batch."""
 _SWITCHES = {
@@ -46,8 +46,9 @@ _SWITCHES = {
 the name of the `Chain` array that contains this parameter for all rotors or springs."""
 _OF_SPRINGS = {'spacings': [0.0], 'offsets': [0.0], 'rest_lengths': [1e9], 'stiffnesses': [0.0]}
 """`Chain` arrays with one value per spring. Each entry contains the value of the springs that
-connect two chains in `joined`. The loop for the spring torques divides by the ratio of length and
-rest length, even if the stiffness is 0. With these values, it computes a ratio of 1, never 0."""
+connect two chains in `joined`. The loop for the spring torques divides by the ratio of length l
+and rest length lbar, even if the stiffness is 0. It computes l^2 / lbar^2 as 1 plus terms with the
+factor 1 / lbar^2. With the huge rest length, the ratio is therefore 1, never 0."""
 
 
 def joined(chains: Sequence[Chain]) -> Chain:

@@ -35,9 +35,10 @@ class MotorControllers:
     def torques(self, time: float, angles: Array) -> Array:
         """Return the torque of each motor [N m], shape (N,), from this frame to the next.
 
-        `angles` [rad], shape (N,), are measured at `time` [s]. If the angle of a rotor is missing
-        (NaN), the torques of this rotor and of its neighbours are 0. All torques are 0 in the
-        first `delay` + 1 frames.
+        `angles` [rad], shape (N,), are measured at `time` [s]. The law uses the frame `delay`
+        frames ago and the frame before it. If the angle of a rotor is missing (NaN) in one of
+        these two frames, the torques of this rotor and of its neighbours are 0. All torques are 0
+        in the first `delay` + 1 frames.
         """
         self._frames.append((time, angles))
         if len(self._frames) < self._chain.feedback.delay + 2:

@@ -48,12 +48,12 @@ class RigidSettings(SimulationSettings):
 
 
 class RigidSimulation(Simulation):
-    """Simulation of a chain in which each spring is a rigid bar of the same rest length.
+    """Simulation of a chain in which a rigid bar replaces each spring.
 
-    Rates and impulses are projected onto the zero mode. After each step, corrections make the bar
-    lengths and the energy exact. Raises ValueError for fixed rotors, for periodic ends, and for
-    initial angles that the bars do not allow. Raises ArithmeticError if the bars jam during the
-    motion.
+    The length of a bar is the rest length of its spring. Rates and impulses are projected onto the
+    zero mode. After each step, corrections make the bar lengths and the energy exact. Raises
+    ValueError for fixed rotors, for periodic ends, and for initial angles that the bars do not
+    allow. Raises ArithmeticError if the bars jam during the motion.
     """
 
     _settings = RigidSettings()
@@ -62,8 +62,8 @@ class RigidSimulation(Simulation):
     def link_torques(self) -> Array:
         """Torque of the bars on each rotor in the current frame [N m], shape (N,).
 
-        The result is R^T s with the rigidity matrix R. The bar forces s are the solution of
-        R I^-1 R^T s = -(l_ddot + R I^-1 tau), where tau are the other torques on the rotors, and
+        The result is R^T f with the rigidity matrix R. The bar forces f are the solution of
+        R I^-1 R^T f = -(l_ddot + R I^-1 tau), where tau are the other torques on the rotors, and
         l_ddot are the second derivatives of the bar lengths for phi_ddot = 0. Raises LinAlgError,
         which is a ValueError, if the bars are jammed.
         """

@@ -32,8 +32,9 @@ from soliton_linkage.vision.rotor_tracks import Pivots, RotorTracks
 _DOT_DEVIATION = 0.7
 """The assignment of dots to rotors assumes this standard deviation of a position [pixels]."""
 _SEARCHED = 5.0
-"""The dot of a rotor is searched for only up to this difference from the predicted angle [standard
-deviations of the predicted angle], plus the radius of a label."""
+"""The dot of a rotor is searched for only near its predicted position. The largest distance is the
+arc of the circle around the pivot that belongs to this angle [standard deviations of the predicted
+angle], plus the radius of a label."""
 _MIN_RADIUS = 1.5
 """Dots with a smaller radius than this cannot be fitted [pixels]."""
 

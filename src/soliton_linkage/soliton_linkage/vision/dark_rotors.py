@@ -189,7 +189,10 @@ def _fit_axis(points: Array, weights: Array, axis: Array, reach: float) -> tuple
 
 
 def _find_pivots(bars: _Bars) -> tuple[Array, Array, Array]:
-    """Return pivots and arms of K bars [pixels], (K, 2), and the direction of the chain."""
+    """Return pivots and arms of K bars [pixels], (K, 2) each, and the direction of the chain.
+
+    The arm of a bar is the vector from its pivot to its free end.
+    """
     pivots, arms = bars.middles, bars.halves
     middle, along = _line(pivots)
     for _ in range(_ITERATIONS):

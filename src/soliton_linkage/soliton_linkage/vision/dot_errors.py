@@ -4,13 +4,13 @@
 A mass stays on a circle around its pivot. Changes of its distance from the pivot are therefore
 errors, and errors along the circle are assumed to be equally large.
 
-A codec repeats the pixels of the previous picture exactly where changes are below a threshold. A
-dot with repeated pixels may therefore have moved by a small distance (dead zone). In videos with a
-dead zone, the errors are estimated from fast dots: true angles vary smoothly, so that the sixth
-divided differences of the angles contain only errors. Let s^2 be the error variance of resting
-dots, e^2 the error variance of moving dots, and t the typical number of successive repetitions. A
-dot that has not moved since the first picture, and was repeated n times in succession, has the
-error variance
+Where the picture changes by less than a threshold, a codec repeats the pixels of the previous
+picture unchanged. A dot with repeated pixels may therefore have moved by a small distance (dead
+zone). In videos with a dead zone, the errors are estimated from fast dots: true angles vary
+smoothly, so that the sixth divided differences of the angles contain only errors. Let s^2 be the
+error variance of resting dots, e^2 the error variance of moving dots, and t the typical number of
+successive repetitions. A dot that has not moved since the first picture, and was repeated n times
+in succession, has the error variance
 
     s^2 + (e^2 - s^2) / (1 + n / t),
 

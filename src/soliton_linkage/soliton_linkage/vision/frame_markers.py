@@ -58,11 +58,12 @@ class PlacingErrors:
 
 
 _MAX_PICTURES = 1000
-"""Largest number of averaged pictures, so that the mean follows slow motions of the frame."""
+"""Largest number of averaged pictures. The mean therefore follows slow motions of the frame, so
+that these do not count as motions of the camera."""
 _FIT_PERIOD = 30
 """Let n be the number of averaged pictures. The plane is fitted in each picture while n is smaller
-than this, and later whenever n is a multiple of this. When n has reached `_MAX_PICTURES`, there
-are no more fits until the markers are detected again."""
+than this, and later whenever n is a multiple of this. When n has reached `_MAX_PICTURES`, the
+plane remains constant until the markers are detected again; only the mean centres still change."""
 _MOTION_THRESHOLD = 6.0
 """The camera may have moved if the mean shift of the dots from their averaged centres is larger
 than this [standard deviations of this mean] and also larger than `_MIN_MOTION`. The markers are

@@ -125,9 +125,10 @@ class RotorTracks:
         """Return the `angles` [rad], (N,), plus the whole turns that the rotors have made.
 
         The number of turns brings the result as near as possible to the predicted angle. If the
-        prediction is too uncertain (see `_MAX_DEVIATION`), the last measured angle of the rotor is
-        used instead of it. In a chain with `Motion.SPINNER`, the mean angle of the nearest rotor
-        with known turns on each side is used instead.
+        prediction is too uncertain (see `_MAX_DEVIATION`), another angle replaces it. In a chain
+        with `Motion.SPINNER`, this is the mean of two results: that of the nearest rotor to the
+        left and that of the nearest rotor to the right whose turns are known. In other chains, or
+        if no turns are known, it is the last measured angle of the rotor.
         """
         expected, deviations = self.predict_angles(times)
         known = np.isfinite(angles) & (deviations < _MAX_DEVIATION)

@@ -265,7 +265,7 @@ class ChainCommands:
     def follow(self, received_at: float, figures: Mapping[str, str]) -> None:
         """Update `move`, which any client may have requested, from a report of soliton_steering.
 
-        `figures` are the values in the report, which arrived at the monotonic time `received_at`.
+        `figures` are the values in the report. It arrived at the monotonic time `received_at` [s].
         """
         if received_at <= self._reported_at or 'moves begun' not in figures:
             return

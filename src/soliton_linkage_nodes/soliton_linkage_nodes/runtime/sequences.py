@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from soliton_linkage_nodes.runtime.stamps import SECOND
 
 _SILENCE = 0.5
-"""Of several publishers on a topic, a node uses only one, the selected publisher. Another one
+"""If a topic has several publishers, a node uses only one, the selected publisher. Another one
 replaces it if it has sent nothing for at least this time [s]. The ROS graph cannot replace this
 time limit, because it still lists a killed publisher for 20 s."""
 _SILENT_PERIODS = 5

@@ -56,9 +56,10 @@ from soliton_linkage.linkage.chain import Array, Chain
 ORDER = 6
 """Order of the method: the error of a step of length h is proportional to h^7."""
 STABLE_STEP = 3.14
-"""Longest stable step, multiplied by the angular frequency of the fastest vibration [1]. If this
-product is between 3.141 and 3.1425, vibrations grow by less than 0.1 % per step. From there to
-6.15, they remain bounded. At 6.2, they grow by 11 % per step."""
+"""Longest step of the solver, multiplied by the angular frequency of the fastest vibration [1]. If
+this product is below 3.141, the step is stable: vibrations do not grow. Between 3.141 and 3.1425,
+they grow by less than 0.1 % per step. From 3.1425 to 6.15, steps are stable again, but the solver
+does not use them. At 6.2, vibrations grow by 11 % per step."""
 
 _HALF_OF_DRIFTS = (
     0.0378593198406116,
@@ -100,7 +101,8 @@ class SolverSettings:
     safety: float = 0.8
     """Largest allowed rotation of the fastest rotor in the longest drift, as a fraction of
     LARGEST_TURN [1]. Sensitivity: at 0.5x, the solver needs 60 % more force evaluations if a rotor
-    spins fast; at 1, a rotor that accelerates within the step stops the integration."""
+    spins fast; at 1, the compiled loops stop after a step in which the fastest rotor
+    accelerates."""
     aim: float = 0.3
     """A new step length is chosen so that the expected error is this fraction of the tolerance
     [1]. Sensitivity: at 0.5x, the solver needs 10 % more force evaluations and has half the error;
