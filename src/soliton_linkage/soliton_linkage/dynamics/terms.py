@@ -191,7 +191,7 @@ class OnSitePotential(CompiledTerm):
 
 
 class NonReciprocal(CompiledTerm):
-    """Torques of motors that break reciprocity: equal on the coordinates of two bonded rotors.
+    """Torques of motors that break reciprocity: equal on the two coordinates of a bond.
 
     The motors of a bond apply the torque kappa (q_n - q_{n+1}) to the coordinates q_n and q_{n+1},
     which `OnSitePotential` defines. The difference is wrapped to the range from -pi to pi. In

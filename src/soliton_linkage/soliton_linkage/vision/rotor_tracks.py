@@ -126,9 +126,9 @@ class RotorTracks:
 
         The number of turns brings the result as near as possible to the predicted angle. If the
         prediction is too uncertain (see `_MAX_DEVIATION`), another angle replaces it. In a chain
-        with `Motion.SPINNER`, this is the mean of two results: that of the nearest rotor to the
-        left and that of the nearest rotor to the right whose turns are known. In other chains, or
-        if no turns are known, it is the last measured angle of the rotor.
+        with `Motion.SPINNER`, this is the mean of the results for two rotors with known turns: the
+        nearest one to the left and the nearest one to the right. In other chains, or if no turns
+        are known, it is the last measured angle of the rotor.
         """
         expected, deviations = self.predict_angles(times)
         known = np.isfinite(angles) & (deviations < _MAX_DEVIATION)

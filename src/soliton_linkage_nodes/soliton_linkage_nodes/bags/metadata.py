@@ -134,7 +134,7 @@ def load_metadata(folder: Path) -> dict[str, Any]:
 
 
 def read_metadata(folder: Path) -> dict[str, Any] | None:
-    """Return the content of metadata.yaml, or None if it cannot be read."""
+    """Return the content of metadata.yaml, or None if the file is missing or invalid."""
     try:
         return load_metadata(folder)
     except (OSError, ValueError):

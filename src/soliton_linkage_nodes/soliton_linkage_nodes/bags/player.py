@@ -103,10 +103,11 @@ class BagPlayer(ManagedNode):
     recorder was paused, and gaps longer than `longest_gap`. At the end of the interval the node
     ends, unless the playback is paused, or `loop` or `stay` is set.
 
-    In lockstep, a frame waits until fewer than `lockstep_window` earlier frames lack an answer of
-    the analyser. Recorded soliton states are then not published, but recorded soliton events are.
-    Without lockstep, recorded states and events are not published while an analyser publishes
-    them, unless `topics` names them.
+    A frame consists of all joint states with one stamp. If `lockstep` is set, a frame waits until
+    fewer than `lockstep_window` earlier frames lack a `soliton_state` of the analyser. Recorded
+    soliton states are then not published, but recorded soliton events are. If `lockstep` is not
+    set, recorded states and events are not published while an analyser publishes them, unless
+    `topics` names them.
 
     The node publishes the topics of the bag, `/diagnostics` and, with `publish_clock`, `/clock`.
     It serves `~/pause`, `~/resume`, `~/toggle_paused`, `~/is_paused`, `~/play_next`, `~/burst`,

@@ -67,10 +67,11 @@ class CameraEncoders(ManagedNode):
 
     The pictures come from a camera of this machine, from `image` or from `image/compressed`. The
     node also subscribes to `camera_info` and `soliton_state`. It publishes the angles in
-    `joint_states` [rad] with the time of the exposure as stamp. The angles of hidden rotors are
-    NaN. It publishes the standard deviations of the angles in `joint_state_deviations` [rad], and
-    it publishes `/diagnostics`. If `camera_overlay` has a subscriber, it publishes this topic. If
-    parameters describe the chain, it publishes `chain`.
+    `joint_states` [rad]. Their stamp is `CameraReading.stamp`, a time in the middle of the
+    exposure. The angles of hidden rotors are NaN. The node publishes the standard deviations of
+    the angles in `joint_state_deviations` [rad], and it publishes `/diagnostics`. If
+    `camera_overlay` has a subscriber, it publishes this topic. If parameters describe the chain,
+    it publishes `chain`.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {
@@ -131,9 +132,11 @@ class CameraEncoders(ManagedNode):
         self._reset_measurement()
 
     def measure(self, stamp: int, picture: Picture) -> None:
-        """Publish the angles in a picture that was exposed at `stamp` [ns].
+        """Publish the angles in a picture.
 
-        Raises ValueError if the picture is rejected.
+        `stamp` is the start of the exposure of the first picture row [ns]. For a camera of this
+        machine, it is the time at which the node received the picture. Raises ValueError if the
+        picture is rejected.
         """
         if self._measurement is None or self._named is None:
             return

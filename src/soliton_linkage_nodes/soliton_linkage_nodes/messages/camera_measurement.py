@@ -47,7 +47,8 @@ class CameraReading(NamedTuple):
     """Angles of the rotors in one picture."""
 
     stamp: int
-    """Time of the angles [ns]: middle of the exposure of the picture row that shows the pivots."""
+    """Time of the angles [ns]: middle of the exposure of one picture row. It is the mean row of
+    the pivots or, for a chain without markers, the middle row of the picture."""
     frame: AngleFrame
 
 

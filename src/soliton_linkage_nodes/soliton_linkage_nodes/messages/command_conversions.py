@@ -192,7 +192,7 @@ def trajectory_from_msg(
 
 
 def delivery_to_msg(delivered: DeliveryTotals) -> msg.Delivery:
-    """Return the message with the impulse and work that a simulated chain has received so far."""
+    """Return the message with the totals of impulses and torques since the simulator started."""
     return msg.Delivery(
         header=Header(stamp=time_to_msg(delivered.stamp), frame_id=FRAME),
         **{name: getattr(delivered, name) for name in _DELIVERY},
@@ -201,7 +201,7 @@ def delivery_to_msg(delivered: DeliveryTotals) -> msg.Delivery:
 
 
 def delivery_from_msg(message: msg.Delivery) -> DeliveryTotals:
-    """Return the impulse and work that a simulated chain has received so far, from a message."""
+    """Return the totals of impulses and torques since the simulator started, from a message."""
     impulse = np.asarray(message.impulse_of_torques, dtype=np.float64)
     totals = {name: getattr(message, name) for name in _DELIVERY}
     stamp = time_from_msg(message.header.stamp)

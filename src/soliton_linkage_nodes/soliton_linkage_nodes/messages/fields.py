@@ -48,7 +48,10 @@ def plain(value: Any) -> Any:
 
 
 def to_yaml(value: Any) -> str:
-    """Return a message or a field's value as YAML. Lists of numbers or texts are in one line."""
+    """Return a message or a field's value as YAML.
+
+    A list of numbers or texts is in one line, which is wrapped if it is too long (see `_WIDTH`).
+    """
     text: str = yaml.dump(
         plain(value), Dumper=_Dumper, sort_keys=False, width=_WIDTH, allow_unicode=True
     )

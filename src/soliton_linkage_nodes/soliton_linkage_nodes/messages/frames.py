@@ -126,8 +126,9 @@ class EncoderMonitor:
 
 _SHORT_FRAMES = 10
 """After this number of consecutive incomplete frames [1], the assembler no longer waits for the
-missing joints. Sensitivity: at 0.5x, one more frame is incomplete after a pause of an encoder
-board; at 2x, twice as many frames are delayed after an encoder board has stopped."""
+missing joints. Sensitivity: at 0.5x, an encoder board that pauses for 5 to 9 frames causes one
+more incomplete frame when it returns, because the assembler no longer waits for it; at 2x, twice
+as many frames are delayed after an encoder board has stopped."""
 
 
 class FrameAssembler:
@@ -139,6 +140,8 @@ class FrameAssembler:
 
     There is one exception: while no two messages have had equal stamps, there is nothing to merge.
     Then only the first incomplete frame is delayed, and each later message is returned at once.
+    The first two messages with equal stamps are therefore returned separately. The assembler
+    merges messages from the next stamp on.
     """
 
     def __init__(self, joint_names: Sequence[str] = ()) -> None:

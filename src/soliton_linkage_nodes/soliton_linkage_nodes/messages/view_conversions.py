@@ -78,8 +78,8 @@ class NodeReport:
     """Latest report of a node on /diagnostics."""
 
     node: str
-    """Full name of the node. It is the field hardware_id of the report or, if this is empty, the
-    field name up to the first colon."""
+    """Full name of the node: the value of the field `hardware_id` of the report or, if this is
+    empty, the value of the field `name` up to the first colon."""
     level: int
     """Level of the report: 0 OK, 1 warning, 2 error, 3 stale."""
     message: str

@@ -39,7 +39,8 @@ a tenth of this time."""
 _WARNING_PERIOD = 1.0
 """Shortest time between two warnings about restarts or jumps of the controller's clock [s]."""
 _LONGEST_DELAY = 0.5
-"""Delay of the frames above which the node warns [s]. The analyser skips such late frames."""
+"""Delay of the last frame above which the node warns [s], relative to the smallest delay from a
+measurement to its arrival (see `DeviceClock.delay`)."""
 
 
 @dataclass(frozen=True)

@@ -144,7 +144,8 @@ class PlaybackThread:
     `awaited` lists the topics that must have a subscriber before the playback. The thread first
     waits for subscribers of the latched topics in `awaited`. It then publishes the last latched
     messages from before the played interval. Then it waits for subscribers of the other topics in
-    `awaited` and, in lockstep, for the analyser.
+    `awaited`. If the parameter `lockstep` is set, it also waits until an analyser publishes
+    `soliton_state`.
 
     `finished` is true after the playback has reached its end or failed, but not after a stop.
     `failure` is the error of a failed playback. `rounds` is the number of times that the interval

@@ -101,15 +101,18 @@ class PlaybackClock:
             self._changed.notify_all()
 
     def play_next(self) -> bool:
-        """Play one message during a pause. Return whether it was played within `longest_step`."""
+        """Play one message during a pause. Return whether it was played within `longest_step`.
+
+        A message that was not played by then is not played later.
+        """
         with self._changed:
             return bool(self._step(1, self._longest_step))
 
     def burst(self, number: int) -> int:
-        """Play `number` messages during a pause. The number 0 means all messages.
+        """Play `number` messages during a pause. If `number` is 0, play all messages.
 
-        Return the number of messages that were played within `longest_burst`. The player plays the
-        others after the return. If the number is 0, however, the request is dropped.
+        Return how many messages were played within `longest_burst`. The player plays the others
+        after the return. If none was played, however, the player drops the request.
         """
         with self._changed:
             return self._step(number or sys.maxsize, self._longest_burst)

@@ -31,12 +31,12 @@ _ANSWER_POLL_INTERVAL = 0.05
 class Lockstep:
     """Flow control of a replay. A frame waits until the analyser has answered earlier frames.
 
-    A `soliton_state` counts as the answer to all frames up to its stamp, because the analyser does
-    not answer frames that it rejects.
+    A frame consists of all joint states with one stamp. A `soliton_state` counts as the answer to
+    all frames up to its stamp, because the analyser does not answer frames that it rejects.
     """
 
     def __init__(self, node: Node, frames: str, window: int, limit: float) -> None:
-        """Allow at most `window` unanswered frames of the topic `frames`.
+        """Allow at most `window` unanswered frames. `frames` is the name of their topic.
 
         If no answer arrives for `limit` [s], the player no longer waits for the unanswered frames.
         `given_up` is the number of these frames.

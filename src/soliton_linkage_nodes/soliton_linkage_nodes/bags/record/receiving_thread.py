@@ -182,7 +182,7 @@ class ReceivingThread:
     def resume(self) -> int:
         """End a pause, and record the last message of the pause on each latched topic.
 
-        Return the number of recorded messages.
+        Return the number of messages that this call has recorded.
         """
         if self._buffer.paused:
             gap = self._paused_at, time.time_ns()

@@ -23,7 +23,8 @@ from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription, In
 _DEPTH = 5000
 """Queue depth of a subscription [messages], sufficient for 5 s at 1000 Hz."""
 _STREAM_PERIOD = SECOND
-"""Largest period of the messages on a topic at which `settle` waits for the next message [ns]."""
+"""`ReceivingThread.settle` waits for the next message of a topic only if both of the last two
+messages were sent within this time before the call [ns]."""
 
 
 class RecordedSubscription:

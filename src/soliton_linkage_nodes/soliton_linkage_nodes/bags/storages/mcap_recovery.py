@@ -48,9 +48,10 @@ class RecoveredMcap(RecoveredFile):
     """Recovery of the intact messages and the topics of an MCAP file.
 
     After damaged bytes, the scan continues at the next bytes that look like the head of a record.
-    All complete messages in a truncated chunk are recovered. A message is doubtful if the checksum
-    of its chunk is wrong. If the file has chunks, a message outside of chunks is also doubtful if
-    it directly follows damaged bytes. Doubtful messages are recovered only if `doubtful` is set.
+    If the file ends within a chunk, all complete messages in this chunk are recovered, although
+    its checksum cannot be checked. A message in any other chunk is doubtful if the checksum of the
+    chunk is wrong. If the file has chunks, a message outside of chunks is also doubtful if it
+    directly follows damaged bytes. Doubtful messages are recovered only if `doubtful` is set.
     """
 
     def _scan(self, path: Path) -> None:
@@ -121,7 +122,10 @@ class RecoveredMcap(RecoveredFile):
             self.report_damage('it does not end like an MCAP file')
 
     def _take(self, offset: int) -> int | None:
-        """Process a record. Return the offset of the next record, or None if it is invalid."""
+        """Process the record at `offset`. Return the offset of the next record.
+
+        If the record at `offset` is invalid, return None.
+        """
         if len(self._data) - offset < mcap.RECORD_HEADER.size:
             return None
         opcode, size = mcap.RECORD_HEADER.unpack_from(self._data, offset)
