@@ -66,7 +66,7 @@ def test_an_error_that_bars_do_not_show_is_reported_as_a_force(shape):
     fault = EncoderFault('rotor_0 has an encoder with play', 100.0, 0)
     scores, information = np.zeros(6 * 12), 1e4 * np.eye(6 * 12)
     text = shown_by_bars(fault, NAMES, scores, information).text
-    assert text.startswith('a force that was not recorded acts near rotor_0: a hand, or a rotor')
+    assert text.startswith('a force that was not recorded acts: a hand, or a rotor')
     assert text.endswith(fault.text)
     scores[12 * shape] = 500.0
     assert shown_by_bars(fault, NAMES, scores, information) == fault

@@ -278,6 +278,13 @@ def test_a_wrong_gain_is_named_and_its_correction_is_accepted(name):
     identify(Readings(times, readings, names=NAMES), Chain())
 
 
+def test_a_wrong_gain_is_not_reported_as_a_kick():
+    _, times, readings = kicked('flipper', 4)
+    readings[:, 5] *= 1.1
+    with pytest.raises(ValueError, match=r'^rotor_5 has a wrong gain, .* too large'):
+        identify(Readings(times, readings, names=NAMES), Chain())
+
+
 @pytest.mark.parametrize('name', KICKS)
 def test_play_of_an_encoder_is_named(name):
     _, times, readings = kicked(name, 3)

@@ -187,11 +187,19 @@ def shown_by_bars(
     play = float(scores[rotors + rotor] ** 2 / information[rotors + rotor, rotors + rotor])
     if max(play, _decrease(scores, information, rotor, rotors)) > _SHOWN * fault.decrease:
         return fault
-    text = (
-        f'a force that was not recorded acts near {joints[rotor]}: a hand, or a rotor that is '
-        f'missing before {joints[0]} or after {joints[-1]}; or {fault.text}'
+    return fault._replace(text=f'{_force(joints)}; or {fault.text}')
+
+
+def or_force(fault: EncoderFault, joints: Sequence[str]) -> EncoderFault:
+    """Return an error with a force as another cause, because a force also strains springs."""
+    return fault._replace(text=f'{fault.text}; or {_force(joints)}')
+
+
+def _force(joints: Sequence[str]) -> str:
+    return (
+        'a force that was not recorded acts: a hand, or a rotor that is missing before '
+        f'{joints[0]} or after {joints[-1]}'
     )
-    return fault._replace(text=text)
 
 
 def _decrease(scores: Array, information: Array, rotor: int, rotors: int) -> float:

@@ -14,6 +14,7 @@ from soliton_linkage.identification.diagnosis import check_explained, length_war
 from soliton_linkage.identification.encoder_errors import (
     bar_scores,
     encoder_fault,
+    or_force,
     shown_by_bars,
 )
 from soliton_linkage.identification.free_motion import FreeMotion
@@ -185,6 +186,7 @@ def _by_model(
     check_slips(readings, residuals, bar_noise)
     if not found.converged:
         raise ValueError(_NOT_CLOSED)
+    fault = clear or (fault and or_force(fault, readings.joints))
     spread = 0.0 if tolerance else found.tolerances.lengths
     check_explained('bars', found.noise / noise, (spread, 0.0), residuals, readings, fault)
     strained = found.noise > STRAINED * noise

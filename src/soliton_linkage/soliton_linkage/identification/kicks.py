@@ -11,6 +11,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import uniform_filter1d
 
+from soliton_linkage.identification.encoder_errors import encoder_fault
 from soliton_linkage.identification.motion_fit import MotionFit, MotionFitter
 from soliton_linkage.identification.readings import Readings, RecordedImpulse
 from soliton_linkage.identification.windows import ARRIVAL
@@ -100,9 +101,14 @@ def _possible_kick(some: Readings, fitted: _Fitted, noise: float) -> float | Non
     frames = np.searchsorted(some.times, [times - _BEFORE_KICK, times + ARRIVAL])
     gains = fitter.gains_by_kicks(frames.T.tolist())
     # Without a kick, another initial state reduces the sum of squares by 2 N, with variance 4 N.
-    rotors = fit.residuals.shape[1]
-    significant = max(gains) > 2 * rotors + _KICKED * math.sqrt(4 * rotors)
-    return float(times[np.argmax(gains)]) if significant else None
+    unknowns = 2 * fit.residuals.shape[1]
+    if max(gains) < unknowns + _KICKED * math.sqrt(2 * unknowns):
+        return None
+    fault = encoder_fault(some.joints, *fitter.error_scores())
+    # Akaike's criterion: the decrease minus twice the number of additional unknowns.
+    if fault and fault.decrease - 2 > max(gains) - 2 * unknowns:
+        return None
+    return float(times[np.argmax(gains)])
 
 
 def largest_steps(some: Readings, noise: float) -> Iterator[tuple[float, float]]:
