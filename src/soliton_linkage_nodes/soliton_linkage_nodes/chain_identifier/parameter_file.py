@@ -28,7 +28,11 @@ _MEANINGS = {
 def write_parameters(
     found: Identification, joint_names: Sequence[str], source: str, path: Path
 ) -> None:
-    """Write the parameter file of an identified chain. Its first line contains `source`."""
+    """Write the parameter file of an identified chain.
+
+    `source` contains the names of the bags, or the name of the node that has identified the chain.
+    The first line of the file is a comment with this text.
+    """
     path.write_text('\n'.join(_lines(found, joint_names, source)) + '\n', encoding='utf-8')
 
 

@@ -78,7 +78,10 @@ def _set(visitor: Visitor, options: argparse.Namespace) -> None:
 
 
 def _parse(text: str, descriptor: ParameterDescriptor) -> ParameterValue:
-    """Return a parameter value from a YAML text. For a double, the text 1e-3 is also a number."""
+    """Return a parameter value from a YAML text.
+
+    For a double, the text 1e-3 is a number, although YAML reads it as a string.
+    """
     if descriptor.type == ParameterType.PARAMETER_DOUBLE:
         with contextlib.suppress(ValueError):
             return ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=float(text))

@@ -25,8 +25,9 @@ from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime.stamps import time_from_msg
 
 _MOST_KICKS_WAITING = 50
-"""Largest number of published kicks that the simulator has not yet executed [1]. It is half the
-queue depth of `rotor_impulses`, so that no accepted kick is lost."""
+"""Largest number of published kicks that the simulator has not yet executed [1]. Further kicks are
+rejected. The number is half the queue depth of `rotor_impulses`, which leaves a margin so that no
+accepted kick is lost."""
 
 
 @dataclass(frozen=True)

@@ -169,7 +169,7 @@ def analyse_many(study: BagBatch, workers: int, scheduler: str | None = None) ->
 
 _MOST_DRAWN = 4000
 """Largest number of frames drawn in a picture [1]. More frames would not be visible, because a
-picture has fewer columns of pixels."""
+picture is 1200 pixels wide."""
 
 
 class PictureFrames:
@@ -217,8 +217,8 @@ def analyse(
     The chain `given` replaces the chain in the bag. `noise` is the standard deviation of the
     angles [rad], None if it is unknown. With `html`, view.html is also written. With `log_time`,
     the receive times replace the stamps. Raises ValueError if no frame can be analysed, if several
-    frames have the stamp 0, or if a joint of `given` has no angle in the bag and `missing_joints`
-    is false.
+    frames have the stamp 0 and `log_time` is false, or if a joint of `given` has no angle in the
+    bag and `missing_joints` is false.
     """
     frames = late = unstamped = 0
     analysed = JointStateAnalysis(noise)

@@ -46,9 +46,10 @@ _RATE = 250.0
 _SECONDS = 6.0
 """Duration of a recording after the nudge [s]."""
 _WAY = 0.8
-"""Duration of a recording divided by `ContractionStudy.duration` [1]. That is the time for which
-the study without nodes simulates the same wall. Both durations are counted in time units of the
-chain. During a recording, every wall of the study passes the middle of its chain."""
+"""Duration of a recording divided by `ContractionStudy.duration` [1], with both durations in units
+of sqrt(M / k_e), where M is the mass and k_e the stiffness of the chain. The study without nodes
+simulates the same wall for the time `ContractionStudy.duration`. The recording is shorter, but it
+also contains the passage of the wall through the middle of the chain."""
 _POLL_INTERVAL = 0.1
 """Poll interval while waiting for the end of the program nudge [s]."""
 _UNLIMITED = 1e6
@@ -61,10 +62,11 @@ def record(
 ) -> Path:
     """Record a bag with one moving wall and return its path; RuntimeError if a node fails.
 
-    The chain is `study.walls[walls].chain`. The speed of the nudge along the zero mode is
+    The chain is `study.walls[walls].chain` with another stiffness k_e, which sets the time scale
+    sqrt(M / k_e) of the motion. k_e is chosen so that the wall passes the middle of the chain
+    during a recording of 6 s. The speed of the nudge along the zero mode is
     `study.walls[walls].kicks[kick]` times (a / r) sqrt(k_e / M) [rad/s], with the rotor spacing a,
-    rotor length r, mass M and stiffness k_e. The stiffness of the chain is changed so that the
-    recorded part of the motion lasts 6 s.
+    rotor length r and mass M.
     """
     chain, speed = study.walls[walls].chain, study.walls[walls].kicks[kick]
     unit = _SECONDS / (_WAY * study.duration(walls, kick))

@@ -52,8 +52,9 @@ _GRAVITY = described_fields(Gravity)
 class IdentificationOptions:
     """Options of an identification: assumptions about the chain, and the time span to use.
 
-    Angles alone do not determine the mean spacing, gravity and the tilts. The tolerance is
-    estimated from the angles unless this option sets it. Only frames in the time span are used.
+    Angles alone do not determine the mean spacing, gravity and the tilts, so that these are
+    options. If `tolerance` is None, it is estimated from the angles. Only frames from `begin` to
+    `end` after the first frame are used.
     """
 
     spacing: float | None = quantity(
@@ -188,7 +189,8 @@ def read_joints(
 
     The joint names come from the chain `known` or, if it is None, from the bag. `span` contains
     the earliest and the latest time of the frames to use, relative to the first frame [s]. The
-    result has at most `most_frames` frames. Raises ValueError if fewer than 50 frames can be used.
+    result has at most `most_frames` frames. If the span has more, mainly frames in which all
+    rotors rest are omitted. Raises ValueError if fewer than 50 frames can be used.
     """
     record = JointRecord(known.joint_names if known else (), most_frames)
     adders: dict[str, Callable[[Any, int], None]] = {

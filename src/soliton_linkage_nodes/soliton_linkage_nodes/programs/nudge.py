@@ -56,11 +56,14 @@ class NudgeClient(WaitingNode):
         interfaces.DIAGNOSTICS.subscribe(self, self._on_diagnostics)
 
     def nudge(self, speed: float, subscribers: int, timeout: float) -> LastKick | None:
-        """Nudge with `speed` [rad/s]; return the answer of the actuator, or None if interrupted.
+        """Publish a nudge; return the answer of the actuator, or None if interrupted.
 
-        Before the nudge, the method waits at most `timeout` [s] until an actuator is ready and the
-        topic has `subscribers` subscribers. Raises ValueError if this takes longer, or if the
-        actuator rejects the nudge or does not answer it within `timeout`.
+        `speed` is the speed of the kick along the unit zero mode [rad/s]. Before the nudge, the
+        method waits at most `timeout` [s] until an actuator reports that it is ready and the topic
+        has `subscribers` subscribers. Raises ValueError if by then no actuator or too few
+        subscribers are found, or if the actuator rejects the nudge or does not answer it within
+        `timeout`. If an actuator is found but does not report that it is ready, the nudge is sent
+        nevertheless.
         """
         deadline = time.monotonic() + timeout
         self.wait(self._actuators, timeout)

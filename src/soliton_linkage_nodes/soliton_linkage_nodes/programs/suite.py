@@ -44,8 +44,8 @@ describe."""
 _EXPONENT = re.compile(r'[-+]?\d+(\.\d*)?[eE][-+]?\d+')
 _NAMESPACE_RULE = '__ns:='
 _JOINT_PREFIX = 'torque_limits.'
-"""Prefix of parameters that are named after joints. Only the running node knows the joint
-names."""
+"""Prefix of parameters that are named after joints. Such a name is not compared with the declared
+parameters, because only the running node knows the joint names."""
 
 
 def main() -> None:
@@ -103,8 +103,8 @@ def addressed(
     """Return the arguments that set no parameter of a node, and the parameters of each node.
 
     The keys of `classes` and of the returned dictionary are names of nodes, which may contain a
-    namespace. The function is needed because ROS cannot set a parameter of only one of the nodes
-    in a namespace.
+    namespace. The function is needed because in ROS, -p NODE:NAME:=VALUE accepts no namespace and
+    has no effect on a node in a namespace.
     """
     rest: list[str] = []
     given: dict[str, list[Parameter]] = {name: [] for name in classes}
@@ -123,7 +123,7 @@ def addressed(
 
 
 def _known_to_ros(arguments: Sequence[str]) -> list[str]:
-    """Remove the parameters of nodes in a namespace, because ROS would reject these arguments."""
+    """Remove -p NAMESPACE/NODE:NAME:=VALUE, because ROS would reject such arguments."""
     known: list[str] = []
     for argument in arguments:
         if known and known[-1] in _PARAMETER_OPTIONS and '/' in argument.partition(':=')[0]:

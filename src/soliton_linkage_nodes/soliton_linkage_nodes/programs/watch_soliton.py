@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Show the chain in one line of the terminal, with the position of the soliton.
 
-The chain comes from the topics chain and joint_states. The position [rotor spacings] and velocity
-of the first soliton come from soliton_state. If no node publishes chain, add --ros-args -p
-chain_from:=parameters, and specify the parameters chain.* or a parameter file.
+The chain comes from the topics chain and joint_states, the solitons from soliton_state. The line
+ends with the position [rotor spacings] and the velocity [rotor spacings/s] of the soliton nearest
+to rotor 0. If no node publishes chain, add --ros-args -p chain_from:=parameters, and specify the
+parameters chain.* or a parameter file.
 """
 
 from __future__ import annotations
@@ -172,7 +173,7 @@ _STARTED_BY = {
 
 
 class WatchSoliton(Node):
-    """Node that draws the chain and the first soliton in one line of the terminal."""
+    """Node that draws the chain and its solitons in one line of the terminal."""
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('watch_soliton', **kwargs)

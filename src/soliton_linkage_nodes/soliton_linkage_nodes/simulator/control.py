@@ -17,7 +17,7 @@ from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage_nodes.runtime.guarded import describe_error
 
 _LEAST_PROGRESS = 1e-3
-"""A reset is rejected if less than this fraction of the first frame is computed within
+"""A reset is rejected if less than this fraction of the first frame interval is simulated within
 `longest_trial` [1]."""
 _MOST_KICKS = 10_000
 """Largest number of kicks that may wait for the next frame [1], about as many as can arrive in 1
@@ -74,9 +74,9 @@ class SimulationControl:
         `begin` creates a simulation from a state and the gravity. Torques end after the simulated
         time `command_timeout` [s]; 0 means no limit. For every frame, `publish` is called with the
         frame number and the simulation. If kicks act at a frame, `announce` is called before
-        `publish`, with the frame number and the sum of their impulses [N m s], shape (N,). A reset
-        may spend at most `longest_trial` [s] of processor time on the first frame of the new
-        state.
+        `publish`, with the frame number and the sum of their impulses [N m s], shape (N,). To test
+        a new state, a reset simulates its first frame interval for at most `longest_trial` [s] of
+        processor time.
         """
         self._begin = begin
         self._gravity = gravity
@@ -181,7 +181,7 @@ class SimulationControl:
         """Put the chain into a state, and drop waiting commands. The simulated time continues.
 
         Raises ValueError and changes nothing if the mechanics do not allow the state, or if the
-        first frame cannot be computed.
+        simulation of the first frame interval fails or is too slow.
         """
         simulation = self._begin(state, self._gravity)
         simulation.set_non_reciprocity(self._non_reciprocity)
@@ -256,9 +256,10 @@ class SimulationControl:
 
 
 def _try(simulation: Simulation, limit: float) -> None:
-    """Compute the first frame after a reset for at most `limit` [s] of processor time.
+    """Simulate the first frame interval of a new state for at most `limit` [s] of processor time.
 
-    Raises ValueError if the computation fails or would take more than a thousand times `limit`.
+    Raises ValueError if the simulation fails, or if less than 0.001 of the interval is simulated
+    within `limit`. If more than this but not the whole interval is simulated, `tick` continues.
     """
     deadline = time.thread_time() + limit
     try:

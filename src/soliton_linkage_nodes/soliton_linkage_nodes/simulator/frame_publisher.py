@@ -76,9 +76,11 @@ class SensedJoints:
 class DeliveryPublisher:
     """Publisher of `delivery`: the total effect of all impulses and torques on the chain.
 
-    A message is published at a frame if impulses or torques have acted since the previous frame.
-    The work of torques is exact, because they are constant between two frames. A reset of the
-    simulation does not change the totals.
+    The totals are the number and the work of the impulses, the work of the torques, and their
+    angular impulse on each rotor. The totals of torques are exact, because torques are constant
+    between two frames. A message is published at a frame if impulses or torques have acted since
+    the previous frame, and once more after the first frame interval without torques. A reset of
+    the simulation does not change the totals.
     """
 
     def __init__(self, node: Node, number_of_rotors: int, stamp: int) -> None:
@@ -128,7 +130,7 @@ class FramePublisher:
         `/clock` is published only if `clock` is set.
         """
         self.epoch: int | None = None
-        """Stamp of the first frame [ns], or None before the first frame is published."""
+        """Stamp of the first frame [ns], or None before the first call of `begin`."""
         self.stamp = 0
         """Stamp of the last frame [ns]."""
         self._node = node
@@ -153,7 +155,10 @@ class FramePublisher:
         return int(self._joint_states.qos_profile.depth)
 
     def begin(self) -> None:
-        """On the first call, publish the chain. The first frame gets the current time as stamp."""
+        """Publish the chain, and use the current time as the stamp of the first frame.
+
+        All calls except the first have no effect.
+        """
         if self.epoch is not None:
             return
         self.epoch = Clock(clock_type=ClockType.SYSTEM_TIME).now().nanoseconds

@@ -126,8 +126,8 @@ def serve_standard(node: Node, services: SimulationServices) -> StandardServices
 class StandardServices:
     """Services of the package simulation_interfaces, which pause, step and reset the simulation.
 
-    A request for the state "stopped" pauses and resets the simulation. The reported state is
-    "stopped" until the next frame, and then "paused".
+    A request for the state "stopped" pauses and resets the simulation. The reported state is then
+    "stopped" until the simulation continues ("playing") or a step publishes a frame ("paused").
     """
 
     def __init__(self, services: SimulationServices, messages: Any, types: Any) -> None:

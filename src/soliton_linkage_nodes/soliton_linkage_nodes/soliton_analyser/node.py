@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Soliton analyser, which estimates solitons, topology, energies and orbit phase of each frame."""
+"""Soliton analyser, which estimates the state of the chain in each frame."""
 
 from __future__ import annotations
 
@@ -81,6 +81,9 @@ class AnalyserParameters:
 
 class SolitonAnalyser(ManagedNode):
     """Node that estimates solitons, topology, energies and the orbit phase for each frame.
+
+    The orbit phase is the phase of the periodic motion in which a wall travels from edge to edge
+    and is reflected there.
 
     It subscribes to `joint_states` [rad, rad/s] and, unless parameters specify the chain, to
     `chain`. It also subscribes to `joint_state_deviations` [rad], the standard deviations of the
@@ -326,9 +329,10 @@ def _disagreement(latest: Analysis) -> str:
 
 
 def _swing(analysis: JointStateAnalysis) -> float:
-    """Return w / omega_0, an upper limit of the rms angle of phonons [rad].
+    """Return w / omega_0, an upper limit of the rms angle of phonons [rad]; 0 if it is unknown.
 
-    w is the rms angular velocity [rad/s], and omega_0 the lowest phonon frequency [rad/s].
+    w is the rms angular velocity of all rotors in the latest frame [rad/s], and omega_0 is the
+    lowest phonon frequency [rad/s]. A moving wall increases w, so that the limit remains valid.
     """
     frame, analyser = analysis.frame, analysis.analyser
     if frame is None or frame.rates is None or not isinstance(analyser, Analyser):

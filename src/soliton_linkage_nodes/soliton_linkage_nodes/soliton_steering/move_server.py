@@ -23,7 +23,8 @@ _FEEDBACK_PERIOD = 0.1
 class MoveServer(ActionServer):
     """Action server of move_soliton.
 
-    A goal ends when the node calls `conclude`. In rclpy, a goal ends when a callback returns.
+    A goal ends when the node calls `conclude` or `end`. By contrast, the base class of rclpy ends
+    a goal when its execute callback returns.
     """
 
     def __init__(

@@ -83,8 +83,9 @@ class FilmedExperimentParameters(BenchParameters):
 def run(configuration: Path, given: Mapping[str, Any], folder: Path) -> str:
     """Run the filmed experiment of a configuration file, and return its result as text.
 
-    `given` contains parameters of the experiment by name. The results are written to `folder`.
-    Raises ValueError if a parameter is unknown or out of range.
+    The file supplies the chain and its markers. `given` contains the parameters in the section
+    filmed_experiment of the file; the other parameters have their default values. The results are
+    written to `folder`. Raises ValueError if a parameter is unknown or out of range.
     """
     known = described_fields(FilmedExperimentParameters)
     for name, value in given.items():

@@ -59,8 +59,8 @@ def main() -> None:
 def _plain_end(left: Callable[[], str] = lambda: '') -> Iterator[None]:
     """Exit with one line of text if the block fails.
 
-    The exit code is 130 after Ctrl-C, and 1 after an error. After Ctrl-C, the text ends with
-    `left()`.
+    The exit code is 130 after Ctrl-C, and 1 after an error. `left` returns a sentence about an
+    unfinished recording, or ''. After Ctrl-C, the text ends with this sentence.
     """
     try:
         yield

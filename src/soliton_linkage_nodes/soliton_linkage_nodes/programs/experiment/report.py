@@ -41,12 +41,12 @@ class RecordedRun:
     recording: Recording
     track: Track
     solitons: tuple[list[float], ...]
-    """For each time of `track`, a list with three numbers per soliton: position [rotor spacings],
-    standard deviation of the position [m], and charge."""
+    """Flat list for each time in `track.times`, with three numbers per soliton: position [rotor
+    spacings], standard deviation of the position [m], and charge."""
     crossings: tuple[Crossing, ...]
     states: Mapping[int, tuple[float, ...]]
-    """Site coordinates [rotor spacings] of the solitons in each live state. The keys are stamps
-    [ns]."""
+    """Site coordinates [rotor spacings] of the solitons in each recorded soliton_state message.
+    The keys are stamps [ns]."""
     events: tuple[str, ...]
     messages: int
     lost: int
@@ -95,7 +95,8 @@ def largest_difference(
 ) -> float:
     """Return the largest difference between live and replayed site coordinates [rotor spacings].
 
-    The keys of `live` and `replayed` are stamps [ns]. The result is infinite if the number of
+    Live solitons were estimated during the experiment, replayed ones while the bag was played. The
+    keys of `live` and `replayed` are stamps [ns]. The result is infinite if the number of
     solitons differs at a stamp.
     """
     largest = 0.0
@@ -154,7 +155,7 @@ def _rate(received: list[int]) -> float:
 def _walls(
     states: list[SolitonState], first: int, nudged: float
 ) -> tuple[Array, list[tuple[AnalysedSoliton, ...]]]:
-    """Return the times of soliton states after the nudge [s], and the solitons in each state.
+    """Return the times of soliton states relative to the nudge [s], and each state's solitons.
 
     States earlier than 0.5 s before the nudge are omitted. `first` is the stamp of the first frame
     [ns], and `nudged` is the time from this stamp to the nudge [s].
