@@ -16,13 +16,16 @@ Each folder imports only from earlier folders in this list: `linkage`, `linear`,
 `orbit`, `dynamics`, `actuation`, `estimation`, `identification`, `steering`, `vision` and
 `microcontroller`. A *wall* is a domain wall: rotors on opposite sides of it lean in opposite
 directions. A *soliton* is a moving wall; in names of classes and topics, it is any wall, also at
-rest. The *orbit* is the closed curve of all zero-energy configurations. In one *cycle* the chain
-moves once along the whole orbit.
+rest. *Bond* n consists of the neighbouring rotors n and n + 1, spring n, which joins them, and the
+line between their pivots. A *bar* is a spring that keeps its rest length. The *orbit* is the
+closed curve of all zero-energy configurations. In one *cycle* the chain moves once along the whole
+orbit. The word *flipper* includes wobbling flippers, except where d <= 1 is stated and in the
+values of `Motion`.
 
 Angles are the angles phi [rad] unless a name contains `staggered`. The last axis of an array is
 the index of the rotor. Docstrings of tuned constants state sensitivities: 0.5x means half the
-value of the constant, and 2x twice its value. The symbols of the equations are as follows; u and v
-have two meanings each:
+value of the constant, and 2x twice its value. The symbols of the equations are as follows; c, u
+and v have two meanings each. If a docstring defines a symbol itself, its definition holds there:
 
 ========== ======================= ==========================================================
 symbol     name                    meaning
@@ -36,12 +39,14 @@ k_e        stiffness               of each spring [N/m]
 lbar       rest_length             of each spring [m]
 phi        angles                  angle of each rotor from +z towards +x [rad]
 theta      staggered angles        phi on rotors 0, 2, ..., pi - phi on the others [rad]
+q          coordinate              of each rotor: phi in spinners, theta in flippers [rad]
 h, v       horizontal, vertical    position of a mass from its pivot, r sin phi and r cos phi
+c          offsets                 of each spring, a^2 + 2 r^2 - lbar^2 [m^2]
 I          moments_of_inertia      of each rotor about its pivot, M r^2 [kg m^2]
 d          lean_ratio              2 r sin(theta_bar) / a
 d_c        critical_lean_ratio     2 / sin(theta_bar), beyond which rotors spin
 ub         lean                    r sin(theta_bar) [m]
-q+, q-     couplings               derivatives of a spring length by its two angles [m/rad]
+q+, q-     couplings               -dl_n/dtheta_n, -dl_n/dtheta_{n+1}, uniform state [m/rad]
 ell        penetration_depth       decay length of the zero mode from its edge [m]
 t          zero mode               unit vector with R t = 0
 R          rigidity matrix         derivatives of the spring lengths by the angles [m/rad]

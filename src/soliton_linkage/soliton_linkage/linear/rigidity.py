@@ -20,8 +20,9 @@ VANISHING = 1e-280
 """Smallest product of a lever and a spring length in the computation of the zero mode [m^2/rad].
 Smaller products are replaced by this value, because they are divisors."""
 _BLOCK = 500
-"""Number of factors that are multiplied before the product is rescaled [1]. Because each factor is
-between 1/2 and 1, the product stays above 2^-1022, the smallest normal double."""
+"""Number of factors that are multiplied before the product is rescaled [1]. Because the absolute
+value of each factor is between 1/2 and 1, the absolute value of the product is above 2^-502. The
+smallest normal double is 2^-1022."""
 _FAR_FROM_OVERFLOW = 1e100
 """If a component of a mode, or the inverse of a component, is larger than this [1], the mode is
 computed again with separate exponents. Squares of smaller components do not overflow."""
@@ -120,10 +121,11 @@ def mode_towards_last(chain: Chain, angles: Array) -> Array:
     """Return the zero mode with the sign that moves the wall towards the last rotor [1], (N,).
 
     In a spinner, a motion along this mode increases the sum of h_n = r sin(phi_n). In a flipper,
-    the sign relative to `zero_mode` follows from the signs of the levers A_0 and B_{N-2}. While
-    the wall is reflected at an edge, the edge rotor swings through the line of its bar, and its
-    lever changes its sign. There the result changes its sign relative to `zero_mode`, which is
-    continuous along the motion.
+    the result is `zero_mode` times the sign of (-1)^(N (N + 1) / 2) u^N A_0 B_{N-2}, with the
+    levers A_0 and B_{N-2} of the edge rotors and u = `uprightness`. While the wall is reflected at
+    an edge, the edge rotor swings through the line of its bar, and its lever changes its sign.
+    There the result changes its sign relative to `zero_mode`, which is continuous along the
+    motion.
     """
     first, second = _levers_of_free_chain(chain, angles)
     mode = _zero_mode_of(first, second)

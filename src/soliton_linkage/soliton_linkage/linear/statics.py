@@ -82,7 +82,8 @@ def min_norm_change(chain: Chain, angles: Array, lengthening: Array) -> Array:
     """Return the smallest change of the angles that causes given extensions [rad], shape (N,).
 
     The change is R^T (R R^T)^(-1) dl, with the rigidity matrix R. The extensions dl [m] are
-    `lengthening`, shape (springs,). Raises ValueError for a state of self-stress.
+    `lengthening`, shape (springs,). Raises ValueError if the configuration has a state of
+    self-stress, because R R^T is then singular.
     """
     try:
         if chain.periodic:

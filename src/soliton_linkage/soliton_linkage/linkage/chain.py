@@ -317,7 +317,8 @@ def displacement(chain: Chain, angles: ArrayLike) -> Array:
 def uprightness(angles: ArrayLike) -> int:
     """Return -1 if the chain is upside down, otherwise +1.
 
-    The result is the sign of the sum of cos(theta) over the inner rotors.
+    The result is the sign of the sum of cos(theta) over all rotors except the first and the last
+    one, because a wall that is reflected at an edge leaves the edge rotor at another angle.
     """
     vertical = np.cos(angles)
     return -1 if vertical[2:-1:2].sum() < vertical[1:-1:2].sum() else 1

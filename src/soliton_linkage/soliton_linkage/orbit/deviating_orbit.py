@@ -2,12 +2,13 @@
 """Orbit of a chain with known deviations of its rotors and springs.
 
 The uniform chain is the same chain without deviations. By definition, corresponding configurations
-of the two chains have the same site coordinate. Let t be the zero mode of a configuration. A bond
-halves the configuration if the rotors to the left of the bond contribute half of sum_n t_n^2. A
-configuration of one chain corresponds to a configuration of the other chain if the same bond
-halves both, and if both are in the same leg (see `Orbit`). The ends of the legs also correspond. A
-monotonic cubic spline through these pairs of configurations converts the arc length of one orbit
-to the arc length of the other.
+of the two chains have the same site coordinate. Let t be the zero mode of a configuration. Bond n,
+between the rotors n and n + 1, halves the configuration if rotors 0 to n contribute half of the
+sum of all t_j^2. A configuration of one chain corresponds to a configuration of the other chain if
+the same bond halves both, and if both are in the same leg (see `Orbit`). The ends of the legs also
+correspond. A monotonic cubic spline through these pairs of configurations converts the arc length
+of one orbit to the arc length of the other. In the whole orbit, the springs keep their rest
+lengths; such springs are called bars.
 """
 
 from __future__ import annotations
@@ -28,12 +29,13 @@ from soliton_linkage.orbit.seed_path import blocked_wall_error
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
 
 _SAMPLES_A_SITE = 4
-"""Number of samples per rotor in the search for the walls at which a bond divides the sum of t_n^2
-into equal halves [1]."""
+"""Number of sampled positions of the wall per rotor, in the search for the positions at which a
+bond halves the configuration [1]."""
 _SAME_MODE = 1 - 1e-6
-"""The scalar product of the tangent of a piece and the zero mode of the whole chain must exceed
-this [1]. The tangent contains only rotors near the wall. If the product is smaller, a rotor far
-from the wall also moves, and the orbit is rejected."""
+"""In the middle of each piece of the orbit (see `orbit_pieces`), the absolute scalar product of
+the tangent and the zero mode of the whole chain must exceed this [1]. The tangent contains only
+rotors near the wall. If the product is smaller, a rotor far from the wall also moves, and the
+orbit is rejected."""
 
 
 def orbit_of(chain: Chain) -> Orbit:

@@ -49,8 +49,9 @@ _CLEAR_LEAD = 1e-9
 """A rotor becomes the seed if its lead (see `_Seed.lead`) exceeds this [1]. The value is larger
 than the rounding errors of a lead."""
 _NEGLIGIBLE_LEAD = -4.0
-"""The search for the rotor with the largest lead ends at a rotor with a lead below this [1],
-because no rotor farther out moves more than e^4 times as much as this rotor."""
+"""The search for the rotor with the largest lead (see `_Seed.lead`) ends at a rotor with a lead
+below this [1]. It is assumed that no rotor farther out moves more than e^4 times as much as this
+rotor, so that none of them leads."""
 _MOST_PIECES_A_ROTOR = 20
 """If a path has more than this number of pieces per rotor [1], it does not close. Closed paths
 have 4 pieces per rotor in flippers and 2 in spinners."""
@@ -66,8 +67,9 @@ class SeedPath(NamedTuple):
     """Angle of the seed at the end of each piece [rad], shape (P,). The difference from `begins`
     is less than 2 pi."""
     left_branches: Branches
-    """Signs of the levers A of the bars around the seed of each piece, shape (P, 2 beside). The
-    bars have the numbers seed - beside to seed + beside - 1."""
+    """Signs of the levers A of the bars around the seed of each piece, shape (P, 2 beside), where
+    `beside` is the argument of the function `seed_path`. The bars have the numbers seed - beside
+    to seed + beside - 1."""
     right_branches: Branches
     """Signs of the levers B of the same bars, shape (P, 2 beside)."""
 

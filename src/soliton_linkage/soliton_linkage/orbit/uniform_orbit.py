@@ -52,8 +52,8 @@ number, the errors of sites are 1e-6 rotor spacings."""
 _STEP = 1e-5
 """Step of the site in the numerical derivative of the angles of a wall [rotor spacings]."""
 _SHORT = 0.3
-"""The last two steps of a piece are merged if the last one is shorter than this fraction of the
-one before [1]."""
+"""The last two solver steps of an integrated part of the orbit are merged if the last step is
+shorter than this fraction of the step before [1]. Otherwise the spline would oscillate."""
 _EXACT = 1e-12
 """The Newton search for the arc length at a site ends when a step is smaller than this [rad]."""
 _STEPS = 20
@@ -278,10 +278,9 @@ class _ShortOrbit:
         """Return the pieces of the orbit in order; each ends in the middle of the next leg.
 
         The pieces with a reflection at the last rotor are integrated. Their mirror images are the
-        pieces with a reflection at the first rotor. In a flipper, the legs differ in the
-        edge rotors that are toggled (see `static_wall`). Mirroring exchanges the first and the
-        last rotor, and therefore the legs 0 and 2 for a lean ratio d > 1, or the legs 1 and 3 for
-        d <= 1.
+        pieces with a reflection at the first rotor. Mirroring exchanges the first and the last
+        rotor. In a flipper, it thereby exchanges the two legs in which only one edge rotor is
+        toggled (see `static_wall`): legs 1 and 3 for a lean ratio d <= 1, legs 0 and 2 for d > 1.
         """
         legs = len(self.walls)
         last = [self._followed(leg) for leg in range(0, legs, 2)]

@@ -9,14 +9,14 @@ the angles and to p. Of all solutions, dphi is the one that is orthogonal to the
 Let S_n be the sum of t_j^2 over the rotors j to the left of bond n, and A_n and B_n the levers of
 the bar of bond n. In the uniform chain, S_b = 1/2 if the wall is at bond b, the site b + 1/2;
 near the edges, S_b differs from 1/2. In a chain with deviations, the wall is at bond b if S_b has
-the same value as in the uniform chain. Because t_{n+1} / t_n = -A_n / B_n, the deviations change
-ln(S_b / (1 - S_b)) by
+the same value as in the uniform chain. Let F = ln(S_b / (1 - S_b)). Because
+t_{n+1} / t_n = -A_n / B_n, the deviations change F by
 
-    dQ = -sum_n w_n d ln|A_n / B_n|,   w_n = min(S_n / S_b, (1 - S_n) / (1 - S_b)).
+    dF = -sum_n w_n d ln|A_n / B_n|,   w_n = min(S_n / S_b, (1 - S_n) / (1 - S_b)).
 
-This change depends on the angles and the lengths: dQ = Q_phi^T dphi + Q_p^T p. Let s_b be the arc
-length at which the wall is at bond b. The error ds_b of s_b is the solution of
-Q_phi^T t ds_b = -dQ.
+With the derivatives F_phi by the angles and F_p by p, dF = F_phi^T dphi + F_p^T p. Let s_b be the
+arc length at which the wall is at bond b. The error ds_b of s_b is the solution of
+F_phi^T t ds_b = -dF.
 
 With the curvature Phi'' of the orbit, the time that a wall in free motion takes from bond b to
 bond b + 1 has the relative change
@@ -69,11 +69,11 @@ class Shifts(NamedTuple):
 class WallShifts:
     """Errors of a wall due to unmodelled deviations, relative to the error of a far rotor.
 
-    The error of a rotor far from the wall is the change of its angle due to the deviations, minus
-    the change of the tail of the wall at this rotor. The tail is the difference between the angles
-    and the angles of a uniform state. Its change at a rotor is `tail_ratio` times the change of
-    the angle of the next rotor towards the wall. All lengths and masses are assumed to have
-    independent relative deviations of equal variance.
+    Far from the wall, the change of the angle of a rotor contains `tail_ratio` (see
+    `linear.bands`) times the change of the angle of the next rotor towards the wall. The error of
+    a far rotor is the rest of this change: the part that does not follow from the change of the
+    next rotor. All lengths and masses are assumed to have independent relative deviations of equal
+    variance.
     """
 
     def __init__(self, orbit: Orbit) -> None:

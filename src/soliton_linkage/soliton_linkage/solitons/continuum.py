@@ -113,7 +113,7 @@ class WallTheory(ABC):
         if not (math.isfinite(arc) and arc > 0):
             raise ValueError(f'arc per site = {arc} must be a finite number above 0')
         # For so hard a kick, v equals c up to rounding. At d = 1, this branch returns 0 for every
-        # kick, because c is 0.
+        # kick, because the exact c is 0.
         if abs(kick) >= _HARDEST_KICK * arc * self.speed_of_sound:
             return math.copysign(self.speed_of_sound, kick)
         gained = (kick / (arc * self.speed_of_sound)) ** 2 / 2
@@ -121,7 +121,7 @@ class WallTheory(ABC):
         return math.copysign(speed, kick)
 
     def _ratio(self, velocity: float) -> float:
-        """Return v / c [1], which is 0 for a wall at rest even at d = 1, where c is 0."""
+        """Return v / c [1]; 0 for a wall at rest, also at d = 1, where the exact c is 0."""
         if velocity == 0:
             return 0.0
         speed_of_sound = self.speed_of_sound

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bonds that stop a wall in a chain with deviations of rotors and springs.
 
-Each bond is a four-bar linkage of two rotors, the line between their pivots, and their spring. The
-Grashof class of a linkage determines which rotors can turn fully. If the class of one bond differs
-from the class of the other bonds, the rotors of this bond reach a limit of their motion before the
-wall has passed.
+Each bond is a four-bar linkage; its four links are two rotors, the line between their pivots, and
+their spring. The Grashof class of a linkage determines which rotors can turn fully. If the class
+of one bond differs from the class of the other bonds, the rotors of this bond reach a limit of
+their motion before the wall has passed.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion
 
 
 class Obstacle(NamedTuple):
-    """Bond that may stop a wall, with the lengths of its four bars [m]."""
+    """Bond that may stop a wall, with the lengths of its four links [m]."""
 
     bond: int
     """Index of the spring between the rotors `bond` and `bond` + 1."""
@@ -55,7 +55,7 @@ def blocked_bonds(chain: Chain) -> NDArray[np.bool_]:
 
 
 def find_obstacles(chain: Chain) -> tuple[Obstacle, ...]:
-    """Return the bonds that may stop a wall, with the lengths of their bars and the reason.
+    """Return the bonds that may stop a wall, with the lengths of their links and the reason.
 
     >>> import soliton_linkage as sl
     >>> shorter = sl.Deviations(rotor_length=(0.0, 0.0, -0.9, 0.0, 0.0))

@@ -49,7 +49,8 @@ def static_wall(chain: Chain, site: float, leg: int = 0, inverted: bool = False)
     the middle between rotors n and n + 1. In an infinite chain, the site coordinate is
     proportional to the arc length of the zero-energy orbit. A finite chain has the same angles as
     an infinite chain, except that an edge rotor may be toggled: it is then at the other one of the
-    two angles that its bar allows.
+    two angles that its bar allows. `Orbit` calls an edge rotor toggled in comparison with the
+    left-leaning state instead; `toggled_edges` explains the difference.
 
     In flippers with d <= 1, no edge rotor is toggled in `leg` 0 of the `Orbit`, the last one is
     toggled in leg 1, both are toggled in leg 2, and the first one in leg 3. In wobbling flippers,
@@ -58,6 +59,9 @@ def static_wall(chain: Chain, site: float, leg: int = 0, inverted: bool = False)
     opposite direction in leg 1. If `inverted` is true, the chain is assembled upside down, with
     pi - phi in place of phi. In a chain with deviations, the rotor nearest to the wall has the
     same angle as without deviations, and the other angles follow from the lengths of the bars.
+    Therefore the wall is only approximately at the same site as in `DeviatingOrbit`, which defines
+    the site by the zero mode.
+
     Raises ValueError for a chain of two rotors or with periodic ends, for a site outside the range
     0 to N - 1, for an unknown leg, for bars of impossible length, and if `site_arc` raises it.
 

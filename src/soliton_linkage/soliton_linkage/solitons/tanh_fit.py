@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Solitons in one frame of angles: their positions, velocities, widths and charges.
 
-The sign of the polarisation of a bond states in which direction the zero mode grows. A wall is
-detected where the polarisation changes its sign. The order field m_n of rotor n is +1 where the
-chain leans right and -1 where it leans left. The function m_n = -Q tanh((n - X) / w) of a wall of
-charge Q is fitted to the order field twice. The first fit gives the position X; its w is fixed at
+The polarisation of a bond (see `polarisation`) is positive if the zero mode grows towards the last
+rotor, and negative if it grows towards the first rotor. A wall is detected where the polarisation
+changes its sign. The order field m_n of rotor n is +1 where the chain leans right and -1 where it
+leans left. The function m_n = -Q tanh((n - X) / w) of a wall of charge Q is fitted to the order
+field twice. The first fit gives the position X; its w is fixed at
 the width of a slow wall. The second fit of both X and w gives the width w. The bias of the
 position is below 0.002 rotor spacings for lean ratios d < 0.9 or d > 2.5 d_c, below 0.1 for d < 2
 or d > 1.4 d_c, and otherwise up to 2, because the order field is then not a tanh.
@@ -33,8 +34,9 @@ _FIT_REACH = 4.0
 """Largest distance from the wall at which rotors are included in the fit [wall widths]; one rotor
 spacing is added. At larger distances, 1 - |tanh| is below 7e-4."""
 WIDEST_LEAN_RATIO = 2.0
-"""Lean ratio d [1] up to which walls of flippers have the profile tanh(x / w). At this lean ratio
-and above, the width w of a wall in a flipper is not defined, and is NaN in `Soliton`."""
+"""Lean ratio d [1] below which walls of flippers and wobbling flippers have the profile
+tanh(x / w). At this lean ratio and above, the width w of their walls is not defined, and is NaN in
+`Soliton`."""
 
 
 @dataclass(frozen=True)
@@ -307,10 +309,11 @@ def topological_charge(chain: Chain, angles: ArrayLike) -> int:
 def half_turns(chain: Chain, angles: ArrayLike) -> int:
     """Return the number of half turns of the last rotor of a spinner relative to the first rotor.
 
-    Let x_n be the angle phi_n minus its value in a uniform state. A wall contributes +1 if x_n is
-    half a turn larger on the side of the last rotor than on the side of rotor 0, and -1 if it is
-    half a turn smaller. Whole turns between neighbouring rotors do not count. Raises ValueError
-    for a flipper.
+    Let x_n be the angle phi_n minus its value in a uniform state of the spinner, which is
+    assembled with the rest angle theta_bar or -theta_bar (see `order_field`). A wall contributes
+    +1 if x_n is half a turn larger on the side of the last rotor than on the side of rotor 0, and
+    -1 if it is half a turn smaller. Whole turns between neighbouring rotors do not count. Raises
+    ValueError for a flipper.
     """
     if chain.motion is not Motion.SPINNER:
         raise ValueError(f'a {chain.motion.value} does not turn; count the turns of a spinner')

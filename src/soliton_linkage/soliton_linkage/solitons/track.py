@@ -21,7 +21,10 @@ of the chain [1]. A crossing does not include the outer regions."""
 
 @dataclass(frozen=True)
 class Track:
-    """Site and rate of the first soliton in each frame, with NaN in frames without a soliton."""
+    """Site and rate of the soliton with the lowest site in each frame; NaN without a soliton.
+
+    If the number of solitons changes, the soliton with the lowest site may be another one.
+    """
 
     times: Array
     """Times of the T frames [s], shape (T,)."""
@@ -34,7 +37,8 @@ class Track:
     site_rate_deviations: Array = field(default_factory=lambda: np.empty(0))
     """Standard deviation of the rate [rotor spacings / s], shape (T,), or (0,) if unknown."""
     others: Array = field(default_factory=lambda: np.empty((0, 0)))
-    """Site coordinates of the second and all further solitons [rotor spacings], shape (K, T)."""
+    """Site coordinates of all other solitons in each frame, in increasing order [rotor spacings],
+    shape (K, T), NaN where there are fewer."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +78,8 @@ class MeasuredWall(Protocol):
 def measured_track(chain: Chain, times: Array, walls: Sequence[Sequence[MeasuredWall]]) -> Track:
     """Return the trajectories of walls.
 
-    `walls` contains the walls in the frame at each of the `times` [s], shape (T,).
+    `walls` contains the walls in the frame at each of the `times` [s], shape (T,). The walls of a
+    frame must be sorted by their sites.
     """
     rows = np.full((len(walls), 4), np.nan)
     others = np.full((max([1, *map(len, walls)]) - 1, len(walls)), np.nan)
