@@ -102,6 +102,22 @@ def test_filters_agree_with_a_naive_kalman_filter():
                 assert found['covariance'] == pytest.approx(twin.spread, rel=1e-8, abs=1e-14)
 
 
+def test_the_stated_deviations_include_a_change_of_the_rate_at_an_edge():
+    noise, scores, random = 0.01, [], np.random.default_rng(5)
+    for change in 3 * [0.001, 0.01, 0.03]:
+        motion, arc, rate = MultipleModelFilter(0.0, noise**2, 1.0, 1.0), 0.0, 0.5
+        for frame in range(960):
+            motion.predict(0.2, at_edge=800 <= frame < 860)
+            rate *= 1 + change * (frame == 830)
+            arc += 0.2 * rate
+            motion.update(arc + noise * random.standard_normal(), noise**2)
+            if frame >= 830:
+                errors = motion.arc - arc, motion.rate - rate
+                scores.append(np.divide(errors, (motion.arc_deviation, motion.rate_deviation)))
+    assert (np.sqrt(np.mean(np.square(scores), axis=0)) < 1.2).all()
+    assert np.abs(scores).max() < 5
+
+
 def test_a_steady_wall_uses_all_measurements():
     noise, frames = 0.05, 1500
     arcs = measured(frames, noise, 2)

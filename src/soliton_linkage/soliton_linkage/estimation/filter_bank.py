@@ -24,10 +24,8 @@ from soliton_linkage.linkage.chain import Array
 
 Records = NDArray[np.void]
 
-LEAST_ODDS, _LEAST_ODDS_AT_EDGES = -9.0, -2.0
-"""Lower limits of `log_odds`, defined in `STATUS` [1]. The first limit applies while the
-wall is inside the chain. The second one applies at an edge, where springs exchange energy with the
-wall, so that its rate changes."""
+LEAST_ODDS = -9.0
+"""Lower limit of `log_odds`, defined in `STATUS`, without waves and far from edges [1]."""
 _LEAST_EVIDENCE = 0.5
 """A filter that assumes an impulse has the weight 0 unless its `odds` are above this [1].
 Sensitivity: at -inf, the reported standard deviations in steady motion increase by 3 %. In a few
@@ -67,7 +65,7 @@ STATUS = np.dtype(
         (name, np.float64)
         for name in (
             *('base', 'site_arc', 'least_impulse', 'bias_decay', 'variance', 'elapsed'),
-            *('at_edge', 'rate', 'log_odds', 'frames', 'impulses', 'wave_noise', 'ripple'),
+            *('rate', 'log_odds', 'frames', 'impulses', 'wave_noise', 'ripple'),
         )
     ]
 )
@@ -81,7 +79,6 @@ bias_decay: decay rate of the bias while the wall is at rest [1/s]; while the wa
     also decays with the distance that the wall has moved.
 variance: variance of the last measurement [rad^2].
 elapsed: time step of the last prediction [s].
-at_edge: 1 if the wall is at an edge, else 0.
 rate: mean rate of the arc length in the mixture of all filters [rad/s].
 log_odds: log odds against the steady filter: logarithm of the total weight of the other filters
     that assume no impulse, divided by the weight of the steady filter [1].
@@ -150,7 +147,7 @@ def predict(
     bandwidth: float,
 ) -> tuple[float, float]:
     """Predict all filters as `MultipleModelFilter.predict`; return `expected_measurement`."""
-    status[0]['elapsed'], status[0]['at_edge'] = elapsed, at_edge
+    status[0]['elapsed'] = elapsed
     speed, site = abs(status[0]['rate']), status[0]['site_arc']
     way = speed * elapsed / site
     kept = math.exp(-way / settings[0]['bias_way'] - elapsed * status[0]['bias_decay'])
@@ -390,8 +387,7 @@ def measure(
     given, now = settings[0], status[0]
     base, frames = int(now['base']), int(now['frames'])
     more, most = update(filters, base, arc, variance, freedoms)
-    least = _LEAST_ODDS_AT_EDGES if now['at_edge'] else LEAST_ODDS
-    log_odds = max(now['log_odds'] + more, least * calm)
+    log_odds = max(now['log_odds'] + more, LEAST_ODDS * calm)
     if log_odds >= given['restart_odds']:
         restart_steady(filters, base)
         log_odds = given['restart_odds'] - 1

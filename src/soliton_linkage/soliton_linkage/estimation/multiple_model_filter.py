@@ -104,11 +104,11 @@ class MultipleModelFilter:
         odds, least_impulse = -settings.restart_odds, (_LEAST_IMPULSE * scale) ** 2
         decay = scale / settings.bias_time
         constants = self._base, site_arc, least_impulse, decay
-        self._status[0] = *constants, variance, 0, 0, 0, odds, 0, 0, 0, 0
+        self._status[0] = *constants, variance, 0, 0, odds, 0, 0, 0, 0
         self._known: _Summary | None = None
         set_weights(self.filters, settings.record, self._base, odds)
         self._refresh()
-        self.expected_rate = 0.0
+        self.expected_rate, self._at_edge = 0.0, False
 
     def _models(self) -> Records:
         settings, base = self._settings, self._base
@@ -183,7 +183,8 @@ class MultipleModelFilter:
         self._status['ripple'] = ripple
         # Over the four rotor spacings of a reflection, the changes add up to twice the change per
         # spacing. They have no effect if they are smaller than the deviation of the rate.
-        at_edge &= 2 * self._settings.change_at_edges * abs(self.rate) > self.rate_deviation
+        change = 2 * self._settings.change_at_edges * abs(self.rate)
+        self._at_edge = at_edge and change > self.rate_deviation
         rate, gained = self.rate, (acceleration + self.disturbance) * elapsed
         self._known = None
         self.expected, self.expected_variance = predict(
@@ -191,7 +192,7 @@ class MultipleModelFilter:
             self._status,
             self._settings.record,
             elapsed,
-            at_edge,
+            self._at_edge,
             ratio,
             acceleration,
             bandwidth,
@@ -258,7 +259,7 @@ class MultipleModelFilter:
             arc,
             variance,
             degrees_of_freedom,
-            calm,
+            0.0 if self._at_edge else calm,
         )
 
     @property
