@@ -83,3 +83,20 @@ def test_frame_markers_define_the_plane():
     places = found.pixels(points)
     assert np.allclose(found.points(places), points, atol=1e-6)
     assert not FrameMarkers(layout, uncalibrated_camera(640, 360)).update(np.zeros_like(grey))
+
+
+def test_a_slow_motion_of_the_frame_is_followed_after_a_thousand_pictures():
+    layout, film, _ = renderer(CHAIN)
+    markers = FrameMarkers(layout, CAMERA)
+    grey = film.picture(0.0)[..., 1].copy()
+    beside = np.round(0.93 * grey + 0.07 * np.roll(grey, 1, axis=1)).astype(grey.dtype)
+    for _ in range(1001):
+        markers.update(grey)
+    assert markers.plane is not None
+    before = markers.plane.pixels(layout.frame_centres)
+    for _ in range(60):
+        markers.update(beside)
+    shift = markers.plane.pixels(layout.frame_centres) - before
+    # The weight of a picture is 1/1000, and the plane is fitted every 30 pictures.
+    assert 0.07 * 0.02 < shift[:, 0].mean() < 0.07 * 0.07
+    assert markers.moves == 0

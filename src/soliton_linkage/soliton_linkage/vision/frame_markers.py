@@ -61,9 +61,8 @@ _MAX_PICTURES = 1000
 """Largest number of averaged pictures. The mean therefore follows slow motions of the frame, so
 that these do not count as motions of the camera."""
 _FIT_PERIOD = 30
-"""Let n be the number of averaged pictures. The plane is fitted in each picture while n is smaller
-than this, and later whenever n is a multiple of this. When n has reached `_MAX_PICTURES`, the
-plane remains constant until the markers are detected again; only the mean centres still change."""
+"""Let n be the number of pictures since the markers were detected. The plane is fitted in each
+picture while n is smaller than this, and later whenever n is a multiple of this."""
 _MOTION_THRESHOLD = 6.0
 """The camera may have moved if the mean shift of the dots from their averaged centres is larger
 than this [standard deviations of this mean] and also larger than `_MIN_MOTION`. The markers are
@@ -150,9 +149,9 @@ class FrameMarkers:
         if hidden or mean > max(_MIN_MOTION, limit):
             self._relocate(grey)
             return True
-        self._pictures = min(self._pictures + 1, _MAX_PICTURES)
+        self._pictures += 1
         which = np.flatnonzero(self._known)[good]
-        self._centres[which] += shifts[good] / self._pictures
+        self._centres[which] += shifts[good] / min(self._pictures, _MAX_PICTURES)
         if self._pictures < _FIT_PERIOD or self._pictures % _FIT_PERIOD == 0:
             self._fit_plane()
         return True
@@ -223,7 +222,8 @@ class FrameMarkers:
         if whole.any():
             expected = self.plane.pixels(self._points).reshape(-1, 4, 2)[whole]
             error = _shape_error(seen, expected)
-            self.fit_error = float(np.sqrt(max(error**2 - self._variance / self._pictures, 0.0)))
+            averaged = min(self._pictures, _MAX_PICTURES)
+            self.fit_error = float(np.sqrt(max(error**2 - self._variance / averaged, 0.0)))
 
     def _detect(self, grey: Picture) -> dict[int, Array]:
         corners, numbers = self._detector(grey)
