@@ -267,8 +267,9 @@ def move_projections(arrows: Quiver, chain: Chain, angles: Array) -> None:
 def draw_torus(axes: Axes, chain: Chain, curves: Sequence[Array]) -> None:
     """Draw the configuration space of a unit cell as curves on a torus (paper, Fig. 4c).
 
-    Each curve contains staggered angles [rad], shape (K, 2). Opposite sides of the square plot are
-    the same line on the torus. Triangles mark the four uniform states.
+    Each curve contains the staggered angles theta (`staggered`) of an even and an odd rotor [rad],
+    shape (K, 2). Opposite sides of the square plot are the same line on the torus. Triangles mark
+    the four uniform states.
     """
     for number, curve in enumerate(curves):
         colour = palette.CURVE_COLOURS[number % len(palette.CURVE_COLOURS)]

@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Experiments of the paper: the wall of a chain at rest is kicked along the zero mode."""
+"""Experiments of the paper: the wall of a chain at rest is kicked along the zero mode.
+
+The time unit is `Chain.time_unit`, sqrt(M / k_e). An edge rotor has two rest angles, because it
+has only one spring. At the second one, its order field is not +1 or -1, even without a wall.
+Therefore wall positions and static profiles exclude edge rotors.
+"""
 
 from __future__ import annotations
 
@@ -135,7 +140,7 @@ def static_profile(chain: Chain, middle: float) -> tuple[Array, Array]:
 
     The walls are at `middle`, `middle` + 0.1, and so on to `middle` + 0.9 [rotor spacings].
     Returns the distances of the rotors from the wall [rotor spacings] and their order field m [1],
-    each of shape (K,). Edge rotors, which have two rest angles, are excluded.
+    each of shape (K,). Edge rotors are excluded.
     """
     rotors, beyond = np.arange(chain.number_of_rotors), np.arange(SNAPSHOTS) / SNAPSHOTS
     fields = [order_field(chain, static_wall(chain, middle + each))[0] for each in beyond]
@@ -152,7 +157,7 @@ def wall_positions(chain: Chain, recording: Recording) -> Array:
 def zero_crossing(field: Array) -> float:
     """Return the position of the first zero of an order field, shape (N,); NaN without a zero.
 
-    Edge rotors are excluded: at their second rest angle the order field is not +1 or -1.
+    Edge rotors are excluded.
     """
     negative = np.signbit(field[1:-1])
     crossings = np.flatnonzero(negative[1:] != negative[:-1])

@@ -67,7 +67,7 @@ def chain_formula(
 class Comparison:
     """Values of one quantity from the paper, from theory and from the simulation.
 
-    The theory contains the corrections of the paper that docs/physics.md lists.
+    The theory does not contain the errors of the paper that docs/physics.md lists.
     """
 
     quantity: str

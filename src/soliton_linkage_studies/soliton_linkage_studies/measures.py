@@ -49,16 +49,17 @@ class Leg:
 def follow_wall(chain: Chain, edge: Edge = Edge.FIRST, legs: int = 2) -> tuple[Leg, ...]:
     """Simulate a chain with rigid bars until the wall has crossed the chain `legs` times.
 
-    The simulation starts in the left-leaning rest state if `edge` is the first edge, otherwise in
-    the right-leaning one. In a flipper the wall first moves to the nearest edge. This first motion
-    is not counted as a leg. The simulation ends early if the wall turns back, or if the arc length
-    of a leg exceeds 4 pi N [rad] for N rotors.
+    The wall position is the centre of the zero mode. The simulation starts in the left-leaning
+    rest state if `edge` is the first edge, otherwise in the right-leaning one. In this state of a
+    flipper, the wall may be some rotors away from the edge. Therefore the simulation first moves
+    it to the edge; in chains with deviations, the wall may instead reach the other edge. This
+    first motion is not counted as a leg. The simulation ends early if the wall turns back, or if
+    the arc length of a leg exceeds 4 pi N [rad] for N rotors.
 
-    The wall position is the centre of the zero mode. The wall of a flipper reaches an edge when
-    the edge rotor and its spring are in line, because then the zero mode is localised on this
-    rotor. The wall of a spinner reaches an edge when the edge rotor has the largest component of
-    the zero mode. Raises ValueError if the chain is periodic or has no rest state, or if `legs` is
-    below 1. Raises ArithmeticError if the bars jam.
+    The wall of a flipper reaches an edge when the edge rotor and its spring are in line, because
+    then the zero mode is localised on this rotor. The wall of a spinner reaches an edge when the
+    edge rotor has the largest component of the zero mode. Raises ValueError if the chain is
+    periodic or has no rest state, or if `legs` is below 1. Raises ArithmeticError if the bars jam.
     """
     _check_ends(chain)
     if legs < 1:
@@ -100,7 +101,8 @@ def check_passable(chain: Chain) -> None:
 def _leg(simulation: RigidSimulation, left: int) -> tuple[int, Leg]:
     """Simulate a leg from the edge rotor `left`; return the edge rotor at its end, and the leg.
 
-    If the wall reaches no edge, the returned edge is `left`.
+    `left` is the edge rotor at which the leg begins: 0 or N - 1. If the arc length exceeds its
+    limit before the wall reaches an edge, `left` is also returned as the edge at the end.
     """
     chain, first = simulation.chain, simulation.frame
     last, direction = chain.number_of_rotors - 1, -1 if left else 1
@@ -156,7 +158,7 @@ BLOCKED = 'blocked'
 MECHANICS = ('elastic', 'rigid')
 OUTCOMES = ('returns', 'crosses', 'lost')
 _PIECE = 20
-"""Interval at which the simulation checks whether the wall has returned [time units]."""
+"""Interval at which the simulation checks whether the wall has returned [sqrt(M / k_e)]."""
 _WALL_REACH = 4
 """Energy belongs to a wall if its distance from the wall, divided by the larger of wall width and
 penetration depth, is at most this [1]. Within this distance is 98 % of the energy of a wall."""
@@ -232,8 +234,8 @@ def measure_survival(chain: Chain, trial: SweepTrial) -> dict[str, Value]:
 def send_wall(chain: Chain, trial: SweepTrial) -> SentWall:
     """Kick the wall of an elastic chain off the right edge; simulate until it returns.
 
-    The frame period is one time unit. The simulation also ends at the time limit of the trial. A
-    crossing is discarded if the track jumps by five rotor spacings or more between two frames.
+    The frame period is `Chain.time_unit`. The simulation also ends at the time limit of the trial.
+    A crossing is discarded if the track jumps by five rotor spacings or more between two frames.
     Raises ArithmeticError or ValueError if the chain cannot be simulated.
     """
     angles = rest_state(chain, 1)

@@ -36,7 +36,8 @@ _TOLERANCE = 1e-8
 _OBSERVATION_TIME = 0.2
 """Time from the first frame to the goal command [s], during which the wall is at rest."""
 _TIME_LIMIT = 120.0
-"""Time limit of a move [s]; a longer move has the outcome NOT_HELD."""
+"""Time limit of a simulation [s]. If the controller has not reported the end of the move by then,
+the outcome is `Outcome.NOT_HELD`, as for a wall that does not settle at its goal."""
 _SAMPLE_EVERY = 20
 """Number of simulated frames per frame of a `MoveRun` [1]."""
 DISORDERED = ('spacing', 'rotor_length', 'mass', 'stiffness', 'rest_length')
@@ -121,7 +122,8 @@ class MoveRun:
 
     outcome: Outcome
     duration: float
-    """Time from the goal command to the arrival [s]."""
+    """Time from the goal command to the first result that the controller reports [s]; NaN if it
+    reports none within the time limit. In a successful move, this is the arrival."""
     times: Array
     """Time since the goal command [s], shape (T,)."""
     positions: Array
@@ -131,7 +133,8 @@ class MoveRun:
     phonon_energies: Array
     """Energy of the phonons [J], shape (T,)."""
     error: float
-    """Largest distance from the goal after the arrival [rotor spacings]; NaN if not REACHED."""
+    """Largest distance from the goal after the arrival [rotor spacings]; NaN unless `outcome` is
+    `Outcome.REACHED`."""
     energy_left: float
     """Energy of the phonons at the end [J]."""
     peak_energy: float

@@ -100,8 +100,8 @@ def study_command(
 ) -> Callable[[Sequence[str] | None], int]:
     """Return the function `main` of a study; `main` runs the study and returns the exit status.
 
-    `study_parser` receives the arguments `parser` and `options`. `run_study` receives `study` and
-    `left`.
+    `study_parser` receives the arguments `parser` and `options`. `run_study` receives `study`, and
+    `left`, a description of the files that remain on disk after an interruption.
     """
 
     def main(arguments: Sequence[str] | None = None) -> int:

@@ -33,8 +33,8 @@ _WIDEST = 3.0
 _LONGEST = 4.0
 """Largest ratio of the rotor length r to the rotor spacing a, as in the paper [1]."""
 _APART = 1.6
-"""With W > 1 walls, a random cell has at least 2 W k `reach(chain)` rotors, where k is this
-number [1]."""
+"""Smallest number of rotors per wall in a random cell with several walls, divided by
+2 `reach(chain)` [1]. At the distance `reach` from a wall, its tails have decayed to 1 %."""
 
 
 @dataclass(frozen=True)
@@ -47,8 +47,10 @@ class AccuracyCell:
     noise: float
     """Standard deviation of the noise of each angle [rad]."""
     speed: float
-    """Wall speed at the start of the scene [speed of sound]. The wall is slower if a wall of this
-    speed would break up. The value has no effect in cells without walls."""
+    """Wanted wall speed at the start of the scene [speed of sound]. The walls are started with the
+    speed that follows from continuum theory; the true speed of a fast wall is different. If a kink
+    would break up, slower kinks are tried until one survives (`steady_wall`). This value has no
+    effect in cells without walls."""
     period: float
     """Frame period [time units]."""
     run: int

@@ -36,7 +36,8 @@ two standard deviations on both sides; invisible bars are smaller than the dot. 
 independent integrator; their widths are from fits of tanh.
 """
 SIMULATED, RECORDED = 'contraction_simulated', 'contraction_recorded'
-"""File names of results for simulated walls and for walls recorded by the nodes."""
+"""File names of the results, without suffix. The first is for walls in simulated frames, the
+second for walls in bags that the ROS nodes have recorded."""
 _SOURCES = {SIMULATED: 'simulated frames', RECORDED: 'bags that the nodes recorded'}
 _FEWEST_FRAMES = 10
 """Smallest number of frames with the wall in the middle of the chain that give a result [1]."""
@@ -102,7 +103,7 @@ class ContractionStudy:
         write_table(lines, folder / f'{name}.md', list(lines))
 
     def duration(self, walls: int, kick: int) -> float:
-        """Return the simulated time of `passage(walls, kick)` [time units]."""
+        """Return the simulated time of `passage(walls, kick)` [sqrt(M / k_e)]."""
         chain, kicks = self.walls[walls].chain, self.walls[walls].kicks
         return crossing_duration(chain, kicks[kick])
 

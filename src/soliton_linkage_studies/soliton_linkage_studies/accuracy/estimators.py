@@ -84,7 +84,10 @@ def inner_positions(chain: Chain) -> tuple[float, float]:
 
 
 def estimators_of(chain: Chain) -> dict[str, Estimator]:
-    """Return the estimators by name; `SHIFTED_CROSSING` is only for spinners."""
+    """Return the estimators of the wall position that are tested on a chain, by name.
+
+    `SHIFTED_CROSSING` is tested on spinners only, because it equals `ZERO_CROSSING` in flippers.
+    """
     omitted = () if chain.motion is Motion.SPINNER else (SHIFTED_CROSSING,)
     return {name: each for name, each in ESTIMATORS.items() if name not in omitted}
 
@@ -171,4 +174,13 @@ ESTIMATORS: dict[str, Estimator] = {
     ORBIT_NEAR: lambda orbit, *given: _orbit_estimate(orbit, fit_near(orbit, *given)),
     ORBIT_COLD: lambda orbit, angles, _: _orbit_estimate(orbit, fit_anywhere(orbit, angles)),
 }
-"""Estimators by name. The paper uses the zero crossings (Figs. 5 and 6)."""
+"""Estimators of the wall position by name.
+
+- `ZERO_CROSSING` returns the zero of u = r sin(phi) along the chain, interpolated linearly between
+  two rotors. The paper uses it for flippers (Fig. 5).
+- `SHIFTED_CROSSING` returns the zero of cos(theta - theta_bar) with the staggered angles theta
+  (`staggered`). The paper uses it for spinners (Fig. 6).
+- `TANH_FIT` fits the profile of a wall to the order field (`find_solitons`).
+- `ORBIT_NEAR` returns the wall position at the orbit point nearest to the frame. The search starts
+  at the guess.
+- `ORBIT_COLD` returns the same, but searches the whole orbit without a guess."""

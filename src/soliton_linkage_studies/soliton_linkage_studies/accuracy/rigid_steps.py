@@ -29,7 +29,7 @@ of a number. Values below a hundredth of this error are drawn at a hundredth of 
 """
 _ROUNDING = float(np.finfo(np.float64).eps)
 _PERIOD = 0.1
-"""Frame period [time units]; it does not change the solver steps."""
+"""Frame period [sqrt(M / k_e)]; it does not change the solver steps."""
 _QUANTITIES = ('length', 'energy')
 
 
@@ -70,10 +70,11 @@ class RigidSteps:
         save_page(report, folder, 'rigid_steps', 'rigid_steps.md')
 
     def errors(self, chain: Chain) -> tuple[Array, Array, Array]:
-        """Return K step counts, and the largest relative errors between successive counts, (K,).
+        """Return K step counts, and the largest errors of bar length and energy, (K,) each.
 
-        The errors of a count are the largest relative error of a bar length [1] and the largest
-        absolute value of `Simulation.energy_drift` [1], over all steps since the previous count.
+        The errors of bar length [1] are relative errors. The errors of energy [1] are absolute
+        values of `Simulation.energy_drift`. Both belong to all steps since the previous count; for
+        the first count, to all steps since the start.
         """
         angles = chain.uniform_state(-1)
         rates = self.speed / chain.time_unit * mode_towards_last(chain, angles)

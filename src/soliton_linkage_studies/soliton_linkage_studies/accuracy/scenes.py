@@ -5,13 +5,15 @@ The position of a wall in a frame is the position of the static wall nearest to 
 position is averaged over the shorter of two times: a period of the slowest phonon, and the time in
 which the wall moves by one rotor spacing. An anti-kink may oscillate in a well of the energy.
 Therefore its averaging time is at most 1/16 of the period of this oscillation. The velocity is the
-slope of a line that is fitted to the positions over three times the averaging time. If the scene
-has a single wall, a cubic replaces the line in three cases: walls so slow that their speed varies
-between rotors, cells with `AccuracyCell.damping`, and chains with force terms. Force terms are all
-torques of the chain other than the spring torques: damping and friction in `Chain`, motors, an
-on-site potential and feedback. With force terms, the fit extends over six times the averaging
-time, the acceleration of the cubic corrects the average, and there is no averaging near the start
-or the stop of a wall. No average extends across an impulse.
+slope of a line that is fitted to the positions over three times the averaging time. No average and
+no fit extends across an impulse.
+
+Scenes with a single wall use a cubic instead of the line in three cases: walls so slow that their
+speed varies between rotors, cells with `AccuracyCell.damping`, and chains with force terms. Force
+terms are all torques of a `Chain` other than the spring torques, such as `Chain.damping`, friction
+or motors. `AccuracyCell.damping` is no force term, because `Springs` multiplies the rates by the
+decay instead. No cell has several walls and force terms. `averages_and_slopes` describes how force
+terms change averages and slopes.
 """
 
 from __future__ import annotations
@@ -50,8 +52,8 @@ _FROM_EDGE = 1.0
 _BEGIN = 2.0
 """Smallest distance of a moving wall from both edges at the start [rotor spacings]."""
 _SAMPLES = 200
-"""Number of orbit points near the first edge [1]. The search for a wall with `AccuracyCell.nudged`
-starts at the point nearest to the uniform state before the kick."""
+"""Number of sampled orbit points with the wall near the first edge [1]. Cells with
+`AccuracyCell.nudged` start in a uniform state; the nearest sample is the first guess."""
 _LEGS = 2.0
 """Longest random path between the kick of a wall with `AccuracyCell.nudged` and the start of the
 scene [edge-to-edge passages]."""
@@ -137,7 +139,7 @@ def _without_walls(angles: Array, kinetic: Array) -> WallScene:
 
 
 def frames_beside(speed: float, cell: AccuracyCell, barrier_speed: float = 0.0) -> int:
-    """Return the number of frames on each side of a frame that its average position includes.
+    """Return b: the average position of a frame includes the b frames before and after it.
 
     `speed` is the wall speed [rotor spacings/s]. For `barrier_speed`, see `WallPath`.
     """
@@ -160,12 +162,12 @@ def averages_and_slopes(
     of a line, or of a cubic if `cubic` is true, that is fitted to 3 b values before and 3 b values
     after the index. No average and no fit extends across an index in `breaks`.
 
-    If the values have the second derivative x'' with respect to the index, the average is too
-    large by x'' b (b + 1) / 6. `forced`, which requires `cubic`, subtracts this error and doubles
-    the length of the fit. If the wall starts or stops within the 6 b values before or after an
-    index, `forced` also replaces the average by the value itself, and the slope by half the
-    difference of both neighbours. The wall counts as stopped at values whose slope is below 2 % of
-    the largest slope.
+    `forced`, which requires `cubic`, is for chains with force terms. The fit then extends over 6 b
+    values before and after the index. If the second derivative of the cubic is x'', the average is
+    too large by x'' b (b + 1) / 6; this error is subtracted. If the wall starts or stops within
+    the fit, the average is replaced by the value itself, and the slope by half the difference of
+    both neighbours. The wall counts as stopped at values whose slope is below 2 % of the largest
+    slope.
     """
     means, slopes = np.empty_like(values), np.empty_like(values)
     for begin, end in pairwise([0, *breaks, len(values)]):
@@ -207,11 +209,13 @@ def _convolved(values: Array, weights: Array) -> Array:
 
 @dataclass(frozen=True)
 class _Start:
+    """Initial state of a scene with a single wall."""
+
     springs: Springs
     """Simulation at the start of the scene; its chain includes the random deviations."""
     orbit: Orbit
     arc: float
-    """Approximate arc length from the start of the orbit to the state with this wall [rad]."""
+    """Arc length of the orbit point near the initial state [rad], a guess for the first frame."""
     speed: float
     """Speed of the wall [rotor spacings / s]."""
 

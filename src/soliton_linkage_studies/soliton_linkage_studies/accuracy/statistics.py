@@ -137,10 +137,11 @@ def number_text(number: float) -> str:
 
 
 def check_comparable(cells: Sequence[AccuracyCell], seed: int, earlier: Sequence[Row]) -> None:
-    """Raise ValueError if no row of the earlier table has the name and values of one of `cells`.
+    """Raise ValueError unless the earlier table contains at least one of `cells`.
 
-    `cells` were drawn with `seed`, which the error message reports. With another seed, random
-    cells of the same names have other values.
+    A row contains a cell if it has the same name and the same values. `cells` were drawn with
+    `seed`, which the error message reports. With another seed, random cells of the same names have
+    other values. ValueError is also raised if the earlier table has no rows or lacks a column.
     """
     if not earlier or not {'cell', *CELL_COLUMNS, *_COMPARED} <= earlier[0].keys():
         raise ValueError('the earlier table does not contain cells; give a file cells.csv')

@@ -1,9 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """True wall positions in noiseless frames: the position of the nearest static wall.
 
-Static kinks (`static_wall`) have zero energy at every position. Static anti-kinks are the states
-of least energy at each position (`anti_kink_path`). If the anti-kink is pinned, it has only one
-equilibrium per two rotor spacings (`resting_anti_kink`).
+Static kinks (`static_wall`) have zero energy at every position. The energy of an anti-kink depends
+on its position. Therefore, static anti-kinks are the states of least energy while a constraint
+holds the anti-kink at its position (`anti_kink_path`). If these states are unstable at some
+positions, the anti-kink is pinned: it cannot move continuously along the chain. Then only one of
+its equilibria is used, repeated every two rotor spacings (`resting_anti_kink`).
+
+The time unit is `Chain.time_unit`, sqrt(M / k_e).
 """
 
 from __future__ import annotations
@@ -51,7 +55,10 @@ def extent(chain: Chain) -> int:
 
 @dataclass(frozen=True)
 class WallPath:
-    """Static walls of one charge in an infinite chain, at all positions at which a wall can rest.
+    """Static walls of one charge in an infinite chain, at all positions.
+
+    If the walls are pinned (see the module docstring), the path contains only one wall position
+    per two rotor spacings.
 
     A wall is stored as the angles of a window, which are M successive rotors around the wall. Wall
     positions in the fields below are relative to the first rotor of the window [rotor spacings].
@@ -65,7 +72,7 @@ class WallPath:
     resting: Array
     """Angles of the window at `rest_position` [rad], shape (M,)."""
     rest_position: float
-    """Wall position of least energy."""
+    """Wall position of least energy; it is repeated every two rotor spacings."""
     left: Array
     """Angles of an even and an odd rotor far to the left of the wall [rad], shape (2,)."""
     barrier_speed: float = 0.0
@@ -74,7 +81,7 @@ class WallPath:
 
     @property
     def pinned(self) -> bool:
-        """Whether the wall has only one rest position per two rotor spacings."""
+        """Whether the path contains only one position per two rotor spacings."""
         return self.spline is None
 
     def window(self, position: float) -> tuple[int, Array, Array]:
@@ -91,7 +98,7 @@ class WallPath:
         return shift, self.spline(within), self.spline(within, 1)
 
     def nearest_allowed(self, position: float) -> float:
-        """Return the position nearest to `position` at which a wall can rest [rotor spacings]."""
+        """Return the position of this path nearest to `position` [rotor spacings]."""
         return self.nearest_minimum(position) if self.pinned else position
 
     def nearest_minimum(self, position: float) -> float:
@@ -225,17 +232,21 @@ class SteadyWall:
 
 
 def launch_speed(chain: Chain, share: float) -> float:
-    """Return the initial speed [spacings/s] of a wall that settles at `share` [speed of sound]."""
+    """Return the initial speed [spacings/s] of a wall that settles at `share` [speed of sound].
+
+    The speed follows from the energy of a wall in continuum theory, and is therefore approximate.
+    """
     sound = speed_of_sound(chain) / chain.spacing
     return sound * math.sqrt(2 * (1 / math.sqrt(1 - share**2) - 1))
 
 
 @lru_cache(maxsize=8)
 def steady_wall(chain: Chain, leg: int, share: float) -> SteadyWall:
-    """Return a wall without phonons that moves at the speed `share` [speed of sound].
+    """Return a wall without phonons that moves at about the speed `share` [speed of sound].
 
-    If a wall of this speed breaks up in the simulation, slower walls are tried, and the first
-    one that survives is returned. Raises ArithmeticError if all break up.
+    The initial speed is `launch_speed`. If a wall of this speed breaks up in the simulation,
+    slower walls are tried, and the first one that survives is returned. Raises ArithmeticError if
+    all break up.
     """
     speed = launch_speed(chain, share)
     for _ in range(_TRIES):

@@ -1,19 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """Theory and simulations of walls in chains with non-reciprocal coupling.
 
-A chain with a wall at the site x has the coordinates q(x): q_n = phi_n if `Chain.signs` is +1 for
-the rotor n, and q_n = pi - phi_n if it is -1. The tangent is t = dq/dx. Motors with the
-non-reciprocity kappa apply the torque kappa (q_n - q_{n+1}) to both coordinates q_n and q_{n+1} of
-each bond. At the terminal velocity x_dot, the power of the motors equals the power that the linear
-damping c dissipates:
+The site x is the position of a wall along the chain. A chain with a wall at the site x has the
+coordinates q(x): q_n = phi_n if `Chain.signs` is +1 for the rotor n, and q_n = pi - phi_n if it is
+-1. The tangent is t = dq/dx. Motors with the non-reciprocity kappa apply the torque kappa (q_n -
+q_{n+1}) to both coordinates q_n and q_{n+1} of each bond. At the terminal velocity x_dot, the
+power of the motors equals the power that the linear damping c dissipates:
 
     kappa x_dot g(x) = c x_dot^2 sum_n t_n^2,    g = sum_n (q_n - q_{n+1}) (t_n + t_{n+1}).
 
-The sum of t_n^2 does not depend on x, because x is proportional to the arc length of the curve
-q(x). The terminal velocity, averaged over two rotor spacings, is therefore v = (kappa / c) <g> /
-sum_n t_n^2 with the mean <g> over the same distance. For wide walls, v tends to 2 kappa / c, both
-for kinks and for anti-kinks. The elastic energy V(x) of an anti-kink depends on x. The anti-kink
-is pinned if kappa g < dV/dx at one site or more.
+The site is defined as the arc length of the curve q(x), divided by the arc length per rotor
+spacing. Therefore the sum of t_n^2 does not depend on x. The terminal velocity, averaged over two
+rotor spacings, is then v = (kappa / c) <g> / sum_n t_n^2 with the mean <g> over the same
+distance. For wide walls, v tends to 2 kappa / c, both for kinks and for anti-kinks. The elastic
+energy V(x) of an anti-kink depends on x. The anti-kink is pinned if kappa g < dV/dx at one site or
+more.
 """
 
 from __future__ import annotations
@@ -109,8 +110,10 @@ def wall_sites(chain: Chain, angles: Array) -> list[tuple[float, int]]:
     """Return the site [rotor spacings] and the charge of each wall, in the order of sites.
 
     A wall is a zero of the displacement u = r sin(phi), interpolated linearly between two rotors.
-    At a kink (charge +1), u changes from positive to negative along the chain. Edge rotors, which
-    have two rest angles, are excluded.
+    At a kink (charge +1), u changes from positive to negative along the chain. Edge rotors are
+    excluded: an edge rotor has two rest angles, because it has only one spring. At one of them, u
+    may have the other sign without a wall. Both this site and the x of the module docstring
+    increase by 2 while a wall moves by two rotor spacings. In between they differ slightly.
     """
     u = displacement(chain, angles)[1:-1]
     left = np.flatnonzero(np.signbit(u[1:]) != np.signbit(u[:-1]))
@@ -240,9 +243,9 @@ def outcome(run: ActiveRun) -> str:
     """Return the final state of a wall: 'runs', 'is pinned', 'breaks up' or 'vanishes'.
 
     The first of these conditions that holds decides. The wall runs if its last known site is less
-    than eight rotors from the end of the chain. It vanishes if it is not found in the last frame.
-    It breaks up if the last frame contains more than one wall. It runs if it has moved by more
-    than one rotor spacing in the last quarter of the frames. Otherwise it is pinned.
+    than eight rotors from the last rotor of the chain. It vanishes if it is not found in the last
+    frame. It breaks up if the last frame contains more than one wall. It runs if it has moved by
+    more than one rotor spacing in the last quarter of the frames. Otherwise it is pinned.
     """
     sites = run.sites[np.isfinite(run.sites)]
     if not len(sites):

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compiled loops that render rotors and bonds into a picture, pixel by pixel."""
+"""Compiled loops that render rotors and bonds into a picture, pixel by pixel.
+
+Each pivot and each mass carries a label, a white paper disc. In the middle of the label is a dot,
+which is black on pivots and coloured on masses.
+"""
 
 from __future__ import annotations
 
@@ -113,9 +117,10 @@ def paint_rotors(
     The first three rows of `rotors` are the angles [rad], rates [rad/s] and accelerations
     [rad/s^2] at the time stamp of the picture. The other rows are the x coordinates of the pivots
     [m] and the rotor lengths [m]. `boxes` contains the left, right, top and bottom limits of each
-    rotor [pixels]. `shape` contains the radius of labels, the radius of dots and the half width of
-    arms [m]. `moments` contains the times at which each picture row is rendered, minus the time
-    stamp [s], shape (height, instants).
+    rotor [pixels]. The rows of `paint` are the BGR colours [0 to 255] of arms, labels, pivot dots
+    and bonds, then of the dots on masses. `shape` contains the radius of labels, the radius of
+    dots and the half width of arms [m]. `moments` contains the times at which each picture row is
+    rendered, minus the time stamp [s], shape (height, instants).
     """
     label, dot, arm = shape[0], shape[1], shape[2]
     samples = moments.shape[1]

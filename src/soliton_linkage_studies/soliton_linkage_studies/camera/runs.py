@@ -119,8 +119,8 @@ class FilmedRun:
     stated: Array
     """Stated standard deviations of the angles [rad], (F, N)."""
     bound: float
-    """Cramer-Rao bound of the standard deviation of an angle measured from the pixels of a label
-    [rad]."""
+    """Cramer-Rao bound of the standard deviation of an angle [rad]. The angle is measured from the
+    pixels of the label on the mass, a white paper disc with a coloured dot."""
     busy: float
     """CPU time of the measurement per picture [s]."""
 
@@ -183,8 +183,9 @@ def _hands(duration: float) -> tuple[Hand, ...]:
 def _pixel_bound(task: FilmedTask, layout: MarkerLayout, plane: ChainPlane) -> float:
     """Return the median over the rotors of the Cramer-Rao bound of an angle [rad].
 
-    With the grey levels I of the pixels of a label and the standard deviation sigma of their
-    noise, the bound of an angle phi is sigma / sqrt(sum (dI / dphi)^2).
+    With the grey levels I of the pixels of the label on the mass (a white paper disc with a
+    coloured dot) and the standard deviation sigma of their noise, the bound of an angle phi is
+    sigma / sqrt(sum (dI / dphi)^2).
     """
     cv2 = opencv()
     rest, still = task.chain.uniform_state(1), np.zeros((1, task.chain.number_of_rotors))

@@ -68,8 +68,10 @@ class Collision:
     shift: float = 0.0
     """Shift of the initial positions of both walls along the ring [rotor spacings]."""
     patience: float = 120.0
-    """Extra time for the walls to meet, and again for their escape [reach / c]. The time limit is
-    this time plus the time that free walls with half of the initial speed would need."""
+    """Extra time that is added to each of two time limits [reach / c]. Until the walls are nearer
+    than `_NEAR`, the limit without extra time is the time in which free walls with half of the
+    initial speed would meet. From then on, it is the time in which free walls would meet with the
+    initial speed and then separate to `ESCAPED` with half of it."""
 
     def __call__(self) -> CollisionRun:
         """Simulate the collision until the walls escape or the time limit is reached."""

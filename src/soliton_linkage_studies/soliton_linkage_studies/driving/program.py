@@ -79,7 +79,7 @@ def entitle(panels: Mapping[str, Axes]) -> None:
 
 
 def draw_balance(report: FigureReport, axes: Axes, runs: Mapping[str, BalancedRun]) -> None:
-    """Draw the energy imbalance over time for springs and bars, and mark the events."""
+    """Draw the energy imbalance of springs and bars; mark kicks, torques and turns of gravity."""
     for mechanics, run in runs.items():
         colour = palette.MECHANICS_COLOURS[mechanics]
         shown = np.maximum(run.imbalances, _LEAST)

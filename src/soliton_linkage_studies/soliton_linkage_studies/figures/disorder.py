@@ -101,10 +101,11 @@ def _deviating(chain: Chain, fraction: float, seed: int) -> Chain:
 def _compare_passage(report: FigureReport, fractions: Array, free: Array, passed: Array) -> None:
     """Add to `report` the fractions of rigid-bar chains in which the wall crosses and returns.
 
-    `fractions` contains F strengths of disorder, and there are K chains for each. The fractions
-    are added for all chains, and also for the chains without blocked bonds only (bonds that may
-    stop a wall, see `blocked_bonds`). `free` contains whether a chain has no blocked bond, and
-    `passed` whether its wall crossed and returned, both with shape (F, K).
+    `fractions` contains F strengths of disorder, and there are K chains for each. Blocked bonds
+    are bonds that may stop a wall (`blocked_bonds`). For each strength, one row is for all chains,
+    and another row is for only those chains that have no blocked bond. `free` contains whether a
+    chain has no blocked bond, and `passed` whether its wall crossed and returned, both with shape
+    (F, K).
     """
     for fraction, sufficient, passes in zip(fractions, free, passed, strict=True):
         name = f'deviations of {100 * fraction:g} %, rigid'

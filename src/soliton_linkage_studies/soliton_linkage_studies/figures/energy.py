@@ -153,11 +153,13 @@ def _draw_theory(panels: Sequence[Axes], theory: WallTheory) -> None:
 
 
 def _energies(chain: Chain, kick: float) -> tuple[float, float, float, float, float]:
-    """Return relative speed [1], kinetic, elastic and wake energy [J], and a flag for echoes.
+    """Return the wall speed [speed of sound], three energies [J], and a flag for echoes.
 
-    Energies are means over the frames of the first passage of the wall. The flag is 1 if the first
-    rotor may have reflected phonons of the kick so early that they met the wall before the last of
-    these frames, otherwise 0.
+    The energies are the kinetic and the elastic energy of the chain, and the energy of the wake.
+    The wake is the part of the chain that the wall has passed and that is farther from the wall
+    than `_REACH` specifies. Energies are means over the frames in which the wall first passes the
+    middle of the chain. The flag is 1 if the first rotor may have reflected phonons of the kick so
+    early that they met the wall before the last of these frames, otherwise 0.
     """
     recording, speed = record_moving_wall(chain, kick)
     positions = wall_positions(chain, recording)

@@ -64,11 +64,12 @@ overlap."""
 
 @dataclass(frozen=True)
 class WallAtSpeed:
-    """Snapshots of one wall, with its relative speed and its width."""
+    """Snapshots of one wall, with its speed and its width."""
 
     kick: float
     snapshots: experiments.Snapshots
     relative_speed: float
+    """Wall speed [speed of sound]."""
     width: float
     """Width from `arctanh_width`, divided by the continuum width at rest [1]."""
     fitted_width: float

@@ -32,7 +32,8 @@ from soliton_linkage_studies.sweep.table import RESUMES, fill_table
 from soliton_linkage_studies.unit_cell import flipper_limit, spinner_limit
 
 _MOST_CURVES = 5
-"""A sweep is drawn as a map if exactly two axes have more values than this [1]."""
+"""A sweep with two axes is drawn as a map if both have more values than this [1]. Other sweeps
+with one or two axes are drawn as curves."""
 CLASS_COLOURS = {
     **{motion.value: colour for motion, colour in palette.MOTION_COLOURS.items()},
     BLOCKED: palette.DARK,
@@ -99,12 +100,12 @@ def numbers(study: SweepStudy, rows: Sequence[dict[str, str]]) -> Array:
 
 
 def is_map(axes: Sequence[Axis]) -> bool:
-    """Return whether exactly two axes of a sweep have more values than `_MOST_CURVES`."""
+    """Return whether a sweep with one or two axes is drawn as a map (see `_MOST_CURVES`)."""
     return sum(len(axis.values) > _MOST_CURVES for axis in axes) == 2
 
 
 def curve_axes(axes: Sequence[Axis]) -> tuple[Axis, list[Axis]]:
-    """Return the axis with the most values (the x axis of the curves), and the other axes."""
+    """Return the axis with the most values (the x axis of the curves), and the list of others."""
     along = max(axes, key=lambda axis: len(axis.values))
     return along, [axis for axis in axes if axis is not along]
 
