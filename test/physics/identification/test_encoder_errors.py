@@ -72,3 +72,14 @@ def test_an_error_that_bars_do_not_show_is_reported_as_a_force(shape):
     assert shown_by_bars(fault, NAMES, scores, information) == fault
     scores[12 * shape : 12 * shape + 2] = 0.0, 500.0
     assert shown_by_bars(fault, NAMES, scores, information) != fault
+
+
+def test_a_force_is_named_before_an_error_of_an_edge_rotor_that_depends_on_the_angle():
+    information = 1e4 * np.eye(6 * 12)
+    for rotor in (0, 5, 11):
+        scores = np.zeros(6 * 12)
+        scores[2 * 12 + rotor] = 3000.0
+        fault = encoder_fault(NAMES, scores, information)
+        assert fault is not None
+        assert fault.text.startswith('a force that was not recorded') == (rotor != 5)
+        assert f'rotor_{rotor} has an encoder whose error depends on the angle' in fault.text

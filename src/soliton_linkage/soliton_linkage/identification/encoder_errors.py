@@ -168,6 +168,9 @@ def encoder_fault(joints: Sequence[str], scores: Array, information: Array) -> E
             f'{whose} has an encoder whose error depends on the angle {_certainty(largest)}: '
             'check its counts per turn and the centring of its disc or magnet, or calibrate it'
         )
+        if worst in (0, rotors - 1):
+            # An edge rotor has one neighbour, so that bars show a nonlinearity of it only weakly.
+            text = f'{_force(joints)}; or {text}'
     return EncoderFault(text, largest, worst)
 
 
@@ -181,7 +184,7 @@ def shown_by_bars(
     bars also shows it. A force on a rotor changes only the motion. Therefore, an unrecorded force
     is the more likely cause of an error that only the fit of springs shows.
     """
-    if fault.rotor is None:
+    if fault.rotor is None or _force(joints) in fault.text:
         return fault
     rotors, rotor = len(joints), fault.rotor
     play = float(scores[rotors + rotor] ** 2 / information[rotors + rotor, rotors + rotor])
@@ -192,6 +195,8 @@ def shown_by_bars(
 
 def or_force(fault: EncoderFault, joints: Sequence[str]) -> EncoderFault:
     """Return an error with a force as another cause, because a force also strains springs."""
+    if _force(joints) in fault.text:
+        return fault
     return fault._replace(text=f'{fault.text}; or {_force(joints)}')
 
 
