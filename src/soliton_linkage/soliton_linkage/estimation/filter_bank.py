@@ -87,7 +87,8 @@ impulses: number of restarts from an impulse [1].
 wave_noise: spectral density of the random acceleration by waves, divided by the `rate_noise` of
     the filter [rad^2/s^3].
 ripple: variance added to the stationary variance of the bias, `bias_variance`, of each filter
-    [rad^2]. It replaces a ripple of the rate that is periodic in the site of the wall.
+    [rad^2]. It replaces the ripple, which is the part of the rate that is periodic in the site of
+    the wall.
 """
 _FILTERS = records(FILTER, writable=True)
 _STATUS = records(STATUS, writable=True)

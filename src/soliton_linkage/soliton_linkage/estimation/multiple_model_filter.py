@@ -12,10 +12,10 @@ tau if the wall is at rest. Let u be the modelled acceleration. If `FilterSettin
 with a = exp(-|w| dt / (Lambda / 2) - dt / tau) and q = e^2 (|w|^3 / Lambda + Q). The normal noise
 dB has the variance dt. Lambda is the arc length per rotor spacing, e the random relative change of
 the rate per rotor spacing, and m the standard deviation of the bias. Q is the process noise due to
-waves, which also move a wall at rest. If the rate has a ripple that is periodic in the site, m^2
-is increased to account for it. The disturbance d is a constant [1/s] that describes unmodelled
-damping; it is negative if the motion is damped. At the start, d is 0 in all filters, and uncertain
-only in the filters with the smallest e above 0.
+waves, which also move a wall at rest. If the rate has a part that is periodic in the site (a
+ripple), m^2 is increased to account for it. The disturbance d is a constant [1/s] that describes
+unmodelled damping; it is negative if the motion is damped. At the start, d is 0 in all filters,
+and uncertain only in the filters with the smallest e above 0.
 
 Filters with different e and m are weighted by the likelihood of recent measurements. The steady
 filter has e = m = 0, so that old measurements affect its estimate as much as recent ones. If the

@@ -27,7 +27,7 @@ value inside the chain [1]."""
 LARGEST_EXCESS = 3.0
 """Upper limit of `FrameNoise.excess`, divided by the mean square of recent residuals [1]."""
 _FIELD_RATIO = 3.0
-"""Assumed largest squared residual due to waves near a wall, divided by the mean square [1]."""
+"""Assumed largest squared persistent residual near a wall, divided by `FrameNoise.excess` [1]."""
 
 
 def median(values: Array) -> float:

@@ -159,8 +159,8 @@ class OrbitMeasurementModel:
 
 
 _NEGLIGIBLE = 0.01
-"""The arc length is not corrected for unseen rotors if the variance that they cause is at most
-this fraction of the variance that noise causes [1]."""
+"""The arc length is not corrected for unseen rotors if the variance that they cause in it is at
+most this fraction of the variance that noise causes in it [1]."""
 
 
 class UnseenRotorCorrection:
@@ -224,17 +224,20 @@ _PERIOD = 2
 """A moving wall has the same shape again after this distance [rotor spacings], because even and
 odd rotors differ."""
 _SLOW = 0.25
-"""A wall is slow if it passes at most this many rotors per period of the slowest phonon [1]."""
+"""A slow wall passes at most this many rotors per period of the slowest phonon [1]."""
 _SECOND_ORDER = 0.5
 """The rate change that `rate_ratio` predicts has a relative error of (`_SECOND_ORDER` x)^2. Here x
 is the speed of the wall divided by the limit `_SLOW` [1]. The error was measured at x = 1."""
 
 _RADIATION = 0.2
-"""Relative bandwidth of the resonance of a fast wall with the slowest phonon, due to radiation
-[1]. With this value, the computed and the simulated ripple agree within a factor of 2."""
+"""Relative bandwidth of the resonance of the slowest phonon with the ripple of the rate of a fast
+wall [1]; `ComplianceCorrection` defines the ripple. The bandwidth is not 0, because the wall
+radiates phonons. With this value, the standard deviations of the site from `ripple` and from
+simulations of a wobbling flipper and of a spinner agree within a factor of 2 at speeds from 0.1 to
+0.25 times the speed of sound."""
 _RIPPLE_SHARE = 0.3
-"""Factor of `ripple_bias`: variance of the bias, divided by the period and by the variance of the
-ripple [1/rotor spacing]."""
+"""Factor in `ripple_bias`: variance of the bias, divided by the period of the ripple and by the
+variance that `ripple` returns [1/rotor spacing]."""
 
 
 class ComplianceCorrection:
@@ -243,6 +246,12 @@ class ComplianceCorrection:
     The compliance mu [s^2] is defined by the momentum I (w + 2 mu w^3) of a moving wall, with the
     rate w of the arc length and the moment of inertia I of a rotor. If the bars were rigid, mu
     would be 0.
+
+    The compliance depends periodically on the site of the wall, with a period of one or two rotor
+    spacings. Therefore, the rate of a moving wall has a periodic part, the ripple. A wall is slow
+    if its speed is below the limits that `_SLOW` and `_LOWEST_ORDER` state, and otherwise fast.
+    `rate_ratio` predicts the ripple of slow walls. For fast walls, `ripple` and `ripple_bias`
+    estimate the size of the ripple.
     """
 
     def __init__(self, orbit: Orbit) -> None:
@@ -319,10 +328,9 @@ class ComplianceCorrection:
     def ripple(self, rate: float) -> float:
         """Return the variance of the site of a wall due to the ripple of its rate [spacings^2].
 
-        The compliance, and with it the rate of a moving wall, is periodic in the site, with a
-        period of one or two rotor spacings. The deformation of the wall responds to this ripple
-        like an oscillator with the frequency of the slowest phonon. The result is 0 for slow
-        walls, because `rate_ratio` predicts their rate.
+        The deformation of the wall responds to the ripple like a driven oscillator with the
+        frequency of the slowest phonon. The result is 0 for slow walls, because `rate_ratio`
+        predicts their rate.
         """
         if abs(rate) <= self._fastest:
             return 0.0

@@ -7,7 +7,8 @@ of s leaves
 
     sum over windows of (A_qq - A_qs A_ss^-1 A_sq) dq = sum of (b_q - A_qs A_ss^-1 b_s),
 
-and the change of each initial state is ds = A_ss^-1 (b_s - A_sq dq).
+and the change of each initial state is ds = A_ss^-1 (b_s - A_sq dq). A chain of N rotors has
+Q - 2 N parameters q, and an initial state consists of 2 N angles and rates. A window has B frames.
 """
 
 from __future__ import annotations

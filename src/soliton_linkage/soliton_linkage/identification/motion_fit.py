@@ -110,13 +110,17 @@ convergence, because the damping may have caused it."""
 
 @dataclass(frozen=True)
 class MotionFit:
-    """Free motion that fits the readings, with the covariance of the unknowns of the chain."""
+    """Free motion that fits the readings, with the covariance of the unknowns of the chain.
+
+    A `FreeMotion` of N rotors has Q unknowns: its 2 N initial angles and rates, and the Q - 2 N
+    unknowns of the chain, which are the same in all windows.
+    """
 
     windows: tuple[FreeWindow, ...]
     covariance: Array
-    """Covariance of the Q - 2 N unknowns of the chain, without the 2 N of the initial state."""
+    """Covariance of the unknowns of the chain, (Q - 2 N, Q - 2 N)."""
     information: Array
-    """Information of the readings (not of the prior) about the unknowns of the chain."""
+    """Information of the readings, not of the prior, about these unknowns, (Q - 2 N, Q - 2 N)."""
     basis: Array
     noise: float
     residuals: Array
@@ -305,10 +309,8 @@ class MotionFitter:
         return bool(found)
 
     def _squared_noise(self) -> float:
-        """Return the squared noise [rad^2], from the residuals orthogonal to the rates.
-
-        A fit of bars has no residuals along the rates, so that its noise can be compared.
-        """
+        """Return the squared noise [rad^2], from the residuals orthogonal to the rates."""
+        # The result is compared with a fit of rigid bars, which has no residuals along the rates.
         across = [self._record.across_rates(window) for window in self._windows]
         freedom = self._freedom() - self._motion.slices.forces.stop - sum(map(len, across))
         return float(sum(np.sum(each**2) for each in across) / max(freedom, 1.0))
@@ -322,11 +324,9 @@ class MotionFitter:
         return np.asarray(seen / self._repeats[window.frames])
 
     def _scatter(self) -> float:
-        """Return the relative standard deviation of the squared noise due to the unknowns [1].
-
-        A fit of P unknowns decreases the sum of squared residuals. This decrease, divided by the
-        variance of a reading, has the mean P and the variance 2 P.
-        """
+        """Return the relative standard deviation of the squared noise due to the unknowns [1]."""
+        # A fit of K unknowns decreases the sum of squared residuals. This decrease, divided by the
+        # variance of a reading, has the mean K and the variance 2 K.
         return math.sqrt(2 * self._unknowns) / max(self._freedom(), 1.0)
 
     @property

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Windows (runs of frames) of free motion, and the normal prior of the unknowns of a chain."""
+"""Windows (runs of frames) of free motion, and the normal prior of the unknowns of a chain.
+
+A `FreeMotion` of N rotors has Q unknowns: its 2 N initial angles and rates, and the Q - 2 N
+unknowns of the chain, which are the same in all windows.
+"""
 
 from __future__ import annotations
 

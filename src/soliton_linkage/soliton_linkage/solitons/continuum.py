@@ -253,22 +253,28 @@ class SpinnerTheory(WallTheory):
     """Sine-Gordon theory of the walls of a spinner. Raises ValueError for a flipper.
 
     Across a kink, the rotation psi [rad] increases from 0 to pi. When psi increases, phi increases
-    for `turn` = +1, and decreases for `turn` = -1. The staggered angle theta is
-    theta_bar + turn psi for even rotors (the odd sites of the paper), and theta_bar - turn psi for
-    odd rotors. With I = M r^2, ub = r sin(theta_bar) and K = k_e r^4 a^2 sin(2 theta_bar)^2 /
-    lbar^2, the Lagrangian is
+    for `turn` = +1, and decreases for `turn` = -1. With I = M r^2, ub = r sin(theta_bar) and
+    K = k_e r^4 a^2 sin(2 theta_bar)^2 / lbar^2, the Lagrangian is
 
         L = (1 / a) integral dx {(I / 2) psi_t^2 - (K / 2) [psi_x - sin(psi) / ub]^2}.
 
-    In the paper (supporting information), sin(psi) / ub has an additional factor a. The formulas
-    of theta are for `family` = +1. A chain that is assembled in the other possible way has
-    `family` = -1: theta is then -theta_bar + turn (psi - pi) for even rotors, and
-    -theta_bar - turn (psi - pi) for odd rotors. Modulo 2 pi, theta changes across a kink from
-    theta_bar to theta_bar + pi in the family +1, and from pi - theta_bar to -theta_bar in the
-    family -1.
+    In the paper (supporting information), sin(psi) / ub has an additional factor a.
+
+    A spinner can be assembled in two ways: it cannot move from a state of one way to a state of
+    the other way unless springs are stretched. `family` is +1 if the chain is assembled with the
+    right-leaning state, in which the staggered angle theta is theta_bar for all rotors, and -1 if
+    it is assembled with the left-leaning state, in which theta is -theta_bar. A wall connects two
+    uniform states of the same family. Even rotors are the odd sites of the paper.
+
+    - In the family +1, theta is theta_bar + turn psi for even rotors, and theta_bar - turn psi for
+      odd rotors. Modulo 2 pi, it changes across a kink from theta_bar to theta_bar + pi.
+    - In the family -1, theta is -theta_bar + turn (psi - pi) for even rotors, and
+      -theta_bar - turn (psi - pi) for odd rotors. Modulo 2 pi, it changes across a kink from
+      pi - theta_bar to -theta_bar.
     """
 
     family: int = 1
+    """Way in which the chain is assembled, +1 or -1; see the class."""
 
     def __post_init__(self) -> None:
         if self.family not in (-1, 1):
@@ -377,9 +383,9 @@ class SpinnerTheory(WallTheory):
     ) -> tuple[Array, Array]:
         """Return angles [rad] and rates [rad/s] of a chain with a wall at a position [m].
 
-        In the family +1, the angles phi are the angles in the uniform state +1 plus turn psi. In
-        the family -1, they are the angles in the uniform state -1 plus turn (psi - pi). The rates
-        follow from psi_t = -v psi'.
+        In the family +1, the angles phi are those of the right-leaning state plus turn psi. In the
+        family -1, they are those of the left-leaning state plus turn (psi - pi). The rates follow
+        from psi_t = -v psi'.
         """
         pivots = self._pivots()
         rotation = self.rotation(pivots, position, velocity, charge)

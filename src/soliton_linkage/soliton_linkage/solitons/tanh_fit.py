@@ -82,8 +82,8 @@ def polarisation(chain: Chain, angles: Array) -> Array:
 def order_field(chain: Chain, angles: Array) -> tuple[Array, Array]:
     """Return the order field m [1] and its derivative dm/dphi [1/rad], each of shape (N,).
 
-    For flippers, m = sin(theta) / sin(theta_bar). For spinners, m = cos(theta - theta_bar). A
-    spinner can also be assembled with the rest angle -theta_bar; then m = -cos(theta + theta_bar).
+    For flippers, m = sin(theta) / sin(theta_bar). For spinners, m = cos(theta - theta_bar) in the
+    family +1 and m = -cos(theta + theta_bar) in the family -1 (see `SpinnerTheory`).
     """
     theta = staggered(angles)
     turn = np.where(np.arange(theta.shape[-1]) % 2, -1.0, 1.0)
@@ -309,11 +309,10 @@ def topological_charge(chain: Chain, angles: ArrayLike) -> int:
 def half_turns(chain: Chain, angles: ArrayLike) -> int:
     """Return the number of half turns of the last rotor of a spinner relative to the first rotor.
 
-    Let x_n be the angle phi_n minus its value in a uniform state of the spinner, which is
-    assembled with the rest angle theta_bar or -theta_bar (see `order_field`). A wall contributes
-    +1 if x_n is half a turn larger on the side of the last rotor than on the side of rotor 0, and
-    -1 if it is half a turn smaller. Whole turns between neighbouring rotors do not count. Raises
-    ValueError for a flipper.
+    Let x_n be the angle phi_n minus its value in a uniform state of the family of the spinner (see
+    `SpinnerTheory`). A wall contributes +1 if x_n is half a turn larger on the side of the last
+    rotor than on the side of rotor 0, and -1 if it is half a turn smaller. Whole turns between
+    neighbouring rotors do not count. Raises ValueError for a flipper.
     """
     if chain.motion is not Motion.SPINNER:
         raise ValueError(f'a {chain.motion.value} does not turn; count the turns of a spinner')

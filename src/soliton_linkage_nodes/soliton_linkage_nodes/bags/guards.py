@@ -125,7 +125,7 @@ def decompress_prefix(packed: bytes | bytearray | memoryview, codec: str, most: 
 
 
 def decompressed_message(data: bytes, most: int) -> bytes:
-    """Return a message. If the message is compressed, decompress it.
+    """Return the bytes of a message, after decompression if they are compressed.
 
     Raises ValueError if the compressed data is damaged or if its content exceeds `most` bytes.
     """
@@ -244,7 +244,11 @@ def load_json(text: str) -> Any:
 
 
 def parse_count(value: object) -> int:
-    """Return a number or the number in a text. If it is not in 0, ..., 2^63 - 1, return 0."""
+    """Return a count from a value in an untrusted file: an integer, or a text of digits.
+
+    Returns 0 for any other value, for integers outside the range from 0 to 2^63 - 1, and for texts
+    of more than 18 digits.
+    """
     number = int(value) if isinstance(value, str) and re.fullmatch(r'\d{1,18}', value) else value
     valid = isinstance(number, int) and not isinstance(number, bool) and 0 <= number < 2**63
     return number if valid and isinstance(number, int) else 0

@@ -79,10 +79,10 @@ class Visitor:
             self.spin(min(left, _SPIN))
 
     def settled(self, there: Callable[[], Found]) -> Found:
-        """Call `there` until its result has settled, and return the result.
+        """Call `there`, which queries the ROS graph, until its result is complete, and return it.
 
-        The calls last at least 3.2 s, and until the result has not changed for 1 s. They never
-        last longer than `limit` [s].
+        The calls continue for at least 3.2 s, and until the result has not changed for 1 s. They
+        end after `limit` [s] in any case.
         """
         begun = self._clock()
         found, end = there(), begun + _ALL_ANNOUNCED
@@ -150,17 +150,26 @@ def visiting(
 
 
 Verb = Callable[[Visitor, argparse.Namespace], int | None]
+"""Function that executes a verb, given a temporary node and the parsed arguments. It returns the
+exit code; None means 0."""
 
 
 class Verbs:
-    """Verbs of a command, each with its own command line."""
+    """Verbs of a sub-command, each with arguments of its own.
+
+    A verb is the word after the sub-command. It selects an operation, for example `list` in
+    `soliton-linkage topic list`.
+    """
 
     def __init__(self, command: str, description: str | None) -> None:
         self._parser = PlainParser(prog=f'soliton-linkage {command}', description=description)
         self._verbs = self._parser.add_subparsers(metavar='VERB', required=True)
 
     def add(self, name: str, verb: Verb, summary: str) -> argparse.ArgumentParser:
-        """Add a verb and return its parser. Further arguments can be added to the parser."""
+        """Add a verb and return the parser of its arguments, to which arguments can be added.
+
+        The function `verb` executes the verb. `summary` is its help text.
+        """
         parser: argparse.ArgumentParser = self._verbs.add_parser(
             name, help=summary, description=f'{summary[0].upper()}{summary[1:]}.'
         )

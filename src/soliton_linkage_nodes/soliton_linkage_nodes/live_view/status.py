@@ -17,15 +17,16 @@ REPLAY = '/replay/'
 _DROP_AGE = 30.0
 """Age above which a report is ignored [s]."""
 _LONGEST_DELAY = 0.2
-"""The page warns if the delay of soliton_state exceeds this time [s] and also exceeds the duration
-of `_FRAMES_BEHIND` frames."""
+"""The page warns if soliton_state is behind joint_states by more than this time [s], and also by
+more than two frames (`_FRAMES_BEHIND`)."""
 _ENDING = ('bag_player', 'bag_recorder')
 """Nodes that end in normal operation. The page does not warn if their reports are missing."""
 _FRAMES_BEHIND = 2
-"""Number of frames by which soliton_state may be delayed without a warning [1]. The number exceeds
-1, because one frame is always in transit."""
+"""Number of frames by which soliton_state may be behind joint_states without a warning [1]. The
+number exceeds 1, because one frame is always in transit."""
 _LATE = re.compile('deadlines missed in the last second')
-"""Pattern of a warning that the page omits, because it shows the fraction of late frames."""
+"""Pattern of the warning about missed deadlines. The page omits this warning, because it shows the
+fraction of late frames instead."""
 _PAUSED = re.compile(f'{_LATE.pattern}|^waiting for joint_states')
 """Pattern of the warnings that the page omits while a simulation is paused."""
 _SIMULATOR = 'only a simulator can do this; no simulator of this chain is running'

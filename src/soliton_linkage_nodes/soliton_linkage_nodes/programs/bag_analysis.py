@@ -28,8 +28,8 @@ from soliton_linkage_nodes.runtime import interfaces
 
 _RECORD_CHAIN = 'record the topic chain'
 _MAX_LINES = 3
-"""Number of rejected messages per topic that are printed one by one [1]. If there are more, their
-total is printed at the end."""
+"""Largest number of rejected messages of a topic that are printed one by one [1]. If a topic has
+more, the number of all its rejected messages is printed at the end."""
 
 
 def analyse_frames(

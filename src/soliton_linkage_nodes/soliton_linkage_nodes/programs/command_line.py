@@ -140,10 +140,12 @@ def add_output(parser: argparse.ArgumentParser, default: str, description: str) 
 
 
 def add_fields(parser: argparse.ArgumentParser, defaults: Any, metavar: str) -> None:
-    """Add an option for each field of `defaults` that is defined by `quantity`.
+    """Add an option for each field of a dataclass that is a `Quantity`.
 
-    `defaults` is an instance of a dataclass and contains the default values. The option of a field
-    with a tuple takes several values. `metavar` represents a value in the help text.
+    A field is a `Quantity` if the class declares it with the function `quantity` of
+    `soliton_linkage.linkage.quantities`, which states its meaning, unit and range. `defaults` is
+    an instance of the dataclass with the default values. The option of a field with a tuple takes
+    several values. `metavar` represents a value in the help text.
     """
     for name, described in described_fields(defaults).items():
         option, default = f'--{name.replace("_", "-")}', getattr(defaults, name)

@@ -49,8 +49,9 @@ _CONVERTING: WeakSet[Node] = WeakSet()
 def declare(node: Node, parameters: type[Parameters], prefix: str = '') -> Parameters:
     """Declare the fields of a dataclass as parameters, and return an instance with their values.
 
-    Only fields that the function `quantity` defines are declared. Raises ValueError if a value is
-    not allowed.
+    Only fields are declared that the dataclass defines with the function `quantity` of
+    `soliton_linkage.linkage.quantities`, which states their meaning, unit and range. Raises
+    ValueError if a value is not allowed.
     """
     quantities = described_fields(parameters)
     if quantities and all(node.has_parameter(prefix + name) for name in quantities):

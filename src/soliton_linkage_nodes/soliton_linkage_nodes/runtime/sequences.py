@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from soliton_linkage_nodes.runtime.stamps import SECOND
 
 _SILENCE = 0.5
-"""If a topic has several publishers, a node uses only one, the selected publisher. Another one
-replaces it if it has sent nothing for at least this time [s]. The ROS graph cannot replace this
-time limit, because it still lists a killed publisher for 20 s."""
+"""If a topic has several publishers, a node uses only one, the selected publisher. If the selected
+publisher has sent nothing for at least this time [s], another publisher replaces it. This time
+limit is necessary, because the ROS graph still lists a killed publisher for 20 s."""
 _SILENT_PERIODS = 5
-"""The silence of the selected publisher must also last for this number of its mean message
-periods [1]."""
+"""Another publisher replaces the selected one only if the selected one has also sent nothing for
+this number of its mean message periods [1]."""
 _MEMORY = 20
 """The period of a publisher is averaged over about this many messages [1]."""
 _GAP_RATIO = 3.0
@@ -89,8 +89,8 @@ class MissedStarts:
 
         If the first received message of a publisher has the number n, the publisher contributes
         n - 1. It contributes 0 if its period is unknown. It also contributes 0 if n - 1 periods
-        are longer than the time from the start of the recorder to this message, because it then
-        probably began before the recorder.
+        are longer than the time from the start of the recorder to this message, because the
+        publisher then probably started before the recorder.
         """
         before = ((each.number - 1, each) for each in self._newcomers)
         return sum(count for count, each in before if count * each.period <= each.elapsed)
@@ -256,9 +256,10 @@ class _Share:
 
 
 _ABSENCE = 5.0
-"""Time limit for groups of publishers [s]. There are at most as many groups as publishers. When a
-message has no part in common with any group, groups without a kept message for this time are
-discarded. Otherwise, groups whose publishers have ended would prevent a new group."""
+"""Time without a kept message after which a group of publishers may be discarded [s]. Such groups
+are discarded when a message arrives that has no part in common with any group. The message begins
+a new group only if there are fewer groups than publishers; if not, it is assigned to the first
+group. If groups whose publishers have ended were not discarded, no new group could begin."""
 
 
 class StreamArbitration:

@@ -48,12 +48,14 @@ _SETTLED = (20, 400)
 the start of the scene [1]."""
 # Scenes with one wall:
 _FROM_EDGE = 1.0
-"""A moving wall is not scored nearer to an edge than this [rotor spacings]; edges absorb walls."""
+"""A moving wall that is nearer to an edge than this does not count in the statistics (see
+`WallScene.scored`) [rotor spacings], because a wall disappears at an edge before it returns."""
 _BEGIN = 2.0
 """Smallest distance of a moving wall from both edges at the start [rotor spacings]."""
 _SAMPLES = 200
 """Number of sampled orbit points with the wall near the first edge [1]. Cells with
-`AccuracyCell.nudged` start in a uniform state; the nearest sample is the first guess."""
+`AccuracyCell.nudged` start in a uniform state. The search for its orbit point begins at the sample
+nearest to it."""
 _LEGS = 2.0
 """Longest random path between the kick of a wall with `AccuracyCell.nudged` and the start of the
 scene [edge-to-edge passages]."""
@@ -100,10 +102,11 @@ class WallScene:
     """Velocities of the walls [rotor spacings / s], shape (T, K)."""
     charges: tuple[int, ...]
     legs: Array
-    """Orbit leg of the wall (index of its passage from edge to edge), shape (T,); -1 unless K =
-    1."""
+    """Orbit leg (index of the passage from edge to edge), shape (T,); -1 unless K = 1."""
     scored: NDArray[np.bool_]
-    """Whether a wall is scored, shape (T, K); walls near an edge are not."""
+    """Whether a wall counts in the statistics of errors and of lost walls, shape (T, K); moving
+    walls near an edge do not count. False walls and wrong legs are counted only in frames in which
+    all walls count."""
     impulse_frames: tuple[int, ...] = ()
     """Index of the first frame after each impulse."""
     impulses: tuple[Array, ...] = ()
@@ -111,10 +114,7 @@ class WallScene:
 
 
 def scene_of(cell: AccuracyCell, frames: int, random: Generator) -> WallScene:
-    """Simulate `frames` frames, or fewer if walls meet.
-
-    Impulses act only if the cell has a single wall.
-    """
+    """Simulate `frames` frames, or fewer if walls meet; impulses act only on a single wall."""
     chain = cell.chain
     if cell.noise_only:
         angles = random.uniform(-math.pi, math.pi, (frames, chain.number_of_rotors))

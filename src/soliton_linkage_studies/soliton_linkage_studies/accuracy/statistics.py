@@ -57,7 +57,7 @@ Row = Mapping[str, str]
 
 @dataclass
 class Scores:
-    """Scores of the frames of one record."""
+    """Errors of the found walls in the frames of one record, and counts of failures."""
 
     walls: list[tuple[float, ...]] = field(default_factory=list)
     """Values of the found walls, in the order of `WALL_VALUES`."""
@@ -70,7 +70,8 @@ class Scores:
     """Speed of the fastest wall of the scene [speed of sound]."""
     frames: int = 0
     walls_looked_for: int = 0
-    """Number of true walls in the scored frames [1]."""
+    """Number of true walls that count in the statistics (see `WallScene.scored`), summed over all
+    frames [1]."""
     lost: int = 0
     false: int = 0
     wrong_leg: int = 0

@@ -25,7 +25,8 @@ Motion = Callable[[Array], tuple[Array, Array, Array]]
 _BOARD = (172, 180, 176)
 """RGB colour of the board behind the chain [0 to 255]."""
 _ARM, _BOND, _WHITE = (70, 74, 80), (120, 110, 90), (246, 246, 242)
-"""RGB colours of arms, bonds and paper (labels and frame markers) [0 to 255]."""
+"""RGB colours of arms, bonds and paper [0 to 255]. Labels are printed on paper, and so are the
+square markers on the fixed frame of the chain."""
 _ARM_WIDTH, _BOND_WIDTH = 0.5, 0.12
 """Half widths of arms and bonds, divided by the radius of a label [1]. A label is a white paper
 disc with a coloured dot, on a pivot or a mass."""

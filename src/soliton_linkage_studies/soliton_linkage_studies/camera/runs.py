@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Films of ideal and of handmade chains, and the errors of the angles measured in them."""
+"""Films of ideal and of handmade chains, and the errors of the angles measured in them.
+
+A film consists of pictures. Frame markers are square markers on the fixed frame of the chain; they
+define the plane of the chain.
+"""
 
 from __future__ import annotations
 
@@ -45,11 +49,12 @@ CAMERA = Camera(1280, 720, *_LENS, row_time=25e-6, exposure=0.004)
 PERIOD = 1 / 60
 """Time between successive pictures [s]."""
 SIMULATED = 0.002
-"""Period of the simulated frames [s]; cubic splines interpolate between these frames."""
+"""Time between two simulated states of the chain [s]; cubic splines interpolate between them."""
 _TILTS = (0.06, -0.09, 0.01)
 """Pan, pitch and roll of the plane of the chain relative to the camera [rad]."""
 _FILLED = 1.12
-"""Width of the picture, divided by the width of the chain with its frame markers [1]."""
+"""Width that a picture shows at the distance of the chain, divided by the length of the chain with
+the paper of one frame marker added at each end [1]."""
 _SWAPPED = 0.1
 """A measured angle counts as the angle of another rotor if its error is above this [rad]."""
 _SETTLING = 10
@@ -165,7 +170,7 @@ def interpolate_motion(recording: Recording) -> Motion:
 
 
 def chain_plane(layout: MarkerLayout) -> ChainPlane:
-    """Return the plane of a chain at such a distance that the chain fills the picture."""
+    """Return the plane of a chain at such a distance that the chain nearly fills the picture."""
     length = float(layout.chain.pivots[-1])
     distance = _FILLED * (length + 2 * layout.paper_size) * CAMERA.focal[0] / CAMERA.width
     return posed_plane(CAMERA, (length / 2, 0.0), distance, *_TILTS)

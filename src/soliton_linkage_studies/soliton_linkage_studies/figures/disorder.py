@@ -49,7 +49,7 @@ _NORMAL = 1.959964
 
 @FIGURES.add('disorder_against_passage')
 def disorder_figure(section: Section, quick: bool) -> FigureReport:
-    """Draw the fraction of chains whose wall crosses and returns, against the disorder."""
+    """Draw the fraction of chains whose wall crosses and returns, as a function of disorder."""
     section.check_keys('chains', 'fractions', 'seeds')
     fractions = section.numbers('fractions', 0.0, 0.5)
     seeds = section.whole_number('seeds', 1, 10_000)

@@ -30,7 +30,10 @@ equilibrium with one kink and one anti-kink. Dashed line: continuum theory, the 
 
 @FIGURES.add('anti_kink_cost')
 def anti_kink_figure(section: Section, quick: bool) -> FigureReport:
-    """Draw the energy of an anti-kink at rest, divided by that of continuum theory, against d."""
+    """Draw the energy of an anti-kink at rest as a function of the lean ratio d.
+
+    The energy is divided by the energy that continuum theory gives for an anti-kink at rest.
+    """
     section.check_keys('rotor_length_ratio', 'lean_ratios')
     ratio = section.number('rotor_length_ratio', 1e-3, 1e3)
     wanted = section.numbers('lean_ratios', 1e-3, 1.0)
@@ -86,21 +89,28 @@ wall. Hollow markers are upper bounds, because reflected phonons of the kick may
 wake.
 """
 _REACH = 8
-"""The wake begins at this distance [penetration depths] plus three rotors behind a wall."""
+"""The wake begins behind a wall, at a distance of this number of penetration depths plus three
+rotor spacings [1]."""
 _CONTINUUM = 0.3
-"""Chains with d below this are compared with continuum theory [1], whose error is O(d^2)."""
+"""Chains with a lean ratio d below this are compared with continuum theory [1]. The error of this
+theory is O(d^2)."""
 _ENERGIES = {
     'a': 'total energy / E_s [1]',
     'b': 'elastic / kinetic energy [1]',
     'c': 'energy behind the wall / total energy [1]',
 }
 _SLOW = 0.87
-"""Walls with v / c below this are compared with theory [1], whose error is then a few per cent."""
+"""Walls whose speed is below this [speed of sound] are compared with theory, whose error is then a
+few per cent."""
 
 
 @FIGURES.add('energy_against_speed')
 def energy_figure(section: Section, quick: bool) -> FigureReport:
-    """Draw the energy, the ratio of elastic to kinetic energy, and the wake against the speed."""
+    """Draw three properties of moving walls as functions of their speed.
+
+    They are the total energy, the ratio of elastic to kinetic energy, and the fraction of the
+    total energy that is in the wake.
+    """
     section.check_keys('chains')
     report = new_report(_CAPTION, 13, 4.8)
     panels = report.figure.subplots(1, 3)

@@ -20,13 +20,21 @@ from soliton_linkage_studies.settings import Section
 
 
 def convergence_order(stiffnesses: ArrayLike, distances: ArrayLike) -> float:
-    """Return the order of convergence in 1 / k_e [1], fitted to the three largest stiffnesses."""
+    """Return the order of convergence in 1 / k_e [1], fitted to the three largest stiffnesses.
+
+    `distances` are the angle differences from rigid bars [rad], one per stiffness k_e. The
+    stiffnesses must increase and may have any unit.
+    """
     stiffest, nearest = np.log(np.asarray(stiffnesses)[-3:]), np.log(np.asarray(distances)[-3:])
     return -float(np.polyfit(stiffest, nearest, 1)[0])
 
 
 def draw_convergence(axes: Axes, stiffnesses: ArrayLike, distances: ArrayLike, label: str) -> None:
-    """Draw angle differences [rad] against stiffnesses [N/m] and a line of slope -1 (log axes)."""
+    """Draw the angle differences from rigid bars [rad] as a function of stiffness (any unit).
+
+    The differences are dots. Both axes are logarithmic. A dashed line of slope -1 passes through
+    the dot of the last stiffness.
+    """
     across, up = np.asarray(stiffnesses), np.asarray(distances)
     first_order = up[-1] * across[-1] / across
     axes.loglog(across, up, 'o', color=MEASURED, label=label)
@@ -49,7 +57,7 @@ _PATH = ('time [sqrt(M/k_e)]', 'wall at rotor [rotor spacings]')
 
 @FIGURES.add('elastic_against_rigid')
 def rigid_limit_figure(section: Section, quick: bool) -> FigureReport:
-    """Draw wall paths for increasing stiffness, and the angle differences from rigid bars."""
+    """Draw wall paths for increasing stiffness, and differences of angles from rigid bars."""
     section.check_keys('chain', 'kick', 'duration', 'factors')
     chain = section.chain()
     factors = section.numbers('factors', 1.0, 1e9)

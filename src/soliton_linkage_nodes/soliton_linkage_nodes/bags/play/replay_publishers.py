@@ -286,7 +286,8 @@ class ReplayPublishers:
     def _wait_for_acknowledgements(self, *topics: str) -> None:
         """Wait until the subscribers have acknowledged all messages on these topics.
 
-        Otherwise messages would be lost when a queue is full.
+        If the queue of a publisher is full of unacknowledged messages, the next message would
+        displace the oldest of them, and a subscriber would lose it.
         """
         deadline = time.monotonic() + _LONGEST_DELIVERY
         for topic in topics:
