@@ -60,9 +60,9 @@ _CONVERGED = 0.1
 """The fit of the longest windows ends when the expected decrease of -2 log likelihood in a step is
 smaller than this [1]."""
 _COARSE = 0.1
-"""For the fit of shorter windows, this limit is `_COARSE` times the number of unknowns [1]."""
+"""For shorter windows, the limit is this times the number of unknowns, not `_CONVERGED` [1]."""
 _SAMPLED = 1.0
-"""The same limit for the fit of a sample of the posterior [1]."""
+"""For the fit of a sample of the posterior, the limit is this instead of `_CONVERGED` [1]."""
 _STIFFNESS_FACTORS = (1, 1 / 5, 5)
 """Initial stiffnesses that are tried, relative to the given stiffness [1]."""
 _TOLERANCE_CHANGE = 0.05
