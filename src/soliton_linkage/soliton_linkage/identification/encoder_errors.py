@@ -165,8 +165,9 @@ def encoder_fault(joints: Sequence[str], scores: Array, information: Array) -> E
         text = _gain_error(whose, float(gains[worst] / certain[worst]), largest)
     else:
         text = (
-            f'{whose} has an encoder whose error depends on the angle {_certainty(largest)}: '
-            'check its counts per turn and the centring of its disc or magnet, or calibrate it'
+            f'{whose} has an encoder whose error depends on the angle, or one that slips '
+            f'{_certainty(largest)}: check its coupling, its counts per turn and the centring of '
+            'its disc or magnet, or calibrate it'
         )
         if worst in (0, rotors - 1):
             # An edge rotor has one neighbour, so that bars show a nonlinearity of it only weakly.
