@@ -59,9 +59,9 @@ estimated as 0.05 rad, and half plays of 0.1 rad as 0.07 to 0.11 rad."""
 _SHOWN = 0.1
 """A fit of rigid bars confirms an encoder error that a fit of springs shows if errors of the same
 encoder decrease its sum of squares by more than this times the decrease in the fit of springs [1].
-For wrong gains of 12 chains, this ratio was 0.2 to 8. It was below 0.03 if a rotor before the
-first or after the last joint was missing in the recording; its force then looked like an encoder
-error."""
+For wrong gains of 12 chains, this ratio was 0.17 to 8. It was at most 0.09 for the gains by which
+fits of springs explained an unrecorded force: that of a rotor missing before the first or after
+the last joint, or three pulls by a hand."""
 _LARGEST_NONLINEARITY = 0.3
 """Prior standard deviation of the amplitudes of a nonlinearity [rad]. It matters only for rotors
 that turn little, whose amplitudes are not observable."""
