@@ -53,7 +53,7 @@ class Video(NamedTuple):
 
 
 class GapCounter:
-    """Counter of missing pictures."""
+    """Counter of missing pictures, which cause unusually long intervals between pictures."""
 
     def __init__(self) -> None:
         self.missing = 0

@@ -172,9 +172,9 @@ def time_in_gaps(gaps: Sequence[tuple[int, int]], start: int, end: int) -> int:
 
 
 def _pieces(information: Mapping[str, Any], margin: str) -> Iterator[str]:
-    """Yield YAML text. The YAML library is not used for topics, because it is slow."""
     for key, value in information.items():
         if key == _TOPICS:
+            # The topics are formatted here, because the YAML library is slow.
             yield f'{margin}{key}:\n' if value else f'{margin}{key}: []\n'
             for topic, count in value.items():
                 yield (

@@ -99,13 +99,15 @@ class BagPlayer(ManagedNode):
 
     First, the node waits for subscribers of the latched topics in `wait_for`, and publishes the
     last latched messages from before the played interval. It then waits for subscribers of the
-    other topics in `wait_for`, and plays the interval. The player skips the times in which the
-    recorder was paused, and gaps longer than `longest_gap`. At the end of the interval the node
-    ends, unless the playback is paused, or `loop` or `stay` is set.
+    other topics in `wait_for` and, if `lockstep` is set, for a publisher of `soliton_state`. After
+    these waits it plays the interval. The player skips the times in which the recorder was paused,
+    and gaps longer than `longest_gap`. At the end of the interval the node ends, unless the
+    playback is paused, or `loop` or `stay` is set.
 
     A frame consists of all joint states with one stamp. If `lockstep` is set, a frame waits until
     fewer than `lockstep_window` earlier frames lack a `soliton_state` of the analyser. Recorded
-    soliton states are then not published, but recorded soliton events are. If `lockstep` is not
+    soliton states are then not published. Recorded soliton events are published in addition to the
+    events of the analyser; list the other topics in `topics` to omit them. If `lockstep` is not
     set, recorded states and events are not published while an analyser publishes them, unless
     `topics` names them.
 

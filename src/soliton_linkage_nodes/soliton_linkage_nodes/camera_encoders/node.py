@@ -134,9 +134,9 @@ class CameraEncoders(ManagedNode):
     def measure(self, stamp: int, picture: Picture) -> None:
         """Publish the angles in a picture.
 
-        `stamp` is the start of the exposure of the first picture row [ns]. For a camera of this
-        machine, it is the time at which the node received the picture. Raises ValueError if the
-        picture is rejected.
+        `stamp` is the start of the exposure of the first picture row [ns]. This start is unknown
+        for a camera of this machine. The later time at which the node received the picture is then
+        used instead. Raises ValueError if the picture is rejected.
         """
         if self._measurement is None or self._named is None:
             return

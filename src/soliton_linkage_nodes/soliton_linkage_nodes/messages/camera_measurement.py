@@ -47,8 +47,9 @@ class CameraReading(NamedTuple):
     """Angles of the rotors in one picture."""
 
     stamp: int
-    """Time of the angles [ns]: middle of the exposure of one picture row. It is the mean row of
-    the pivots or, for a chain without markers, the middle row of the picture."""
+    """Time of the angles [ns]: middle of the exposure of one picture row. This row is the mean row
+    of the pivots. If the chain has no markers or its position in the picture is unknown, it is the
+    middle row of the picture."""
     frame: AngleFrame
 
 
@@ -119,7 +120,10 @@ def deviations_to_msg(named: NamedChain, seen: CameraReading) -> JointState:
 
 
 def describe_reading(measurement: CameraMeasurement, seen: CameraReading) -> str:
-    """Describe the visible rotors, the moves of the camera and the number of missing pictures."""
+    """Describe the visible rotors, the moves of the camera and the number of missing pictures.
+
+    Pictures count as missing if an interval between two stamps is unusually long.
+    """
     parts = [seen.frame.status or 'all rotors are visible']
     if measurement.moves:
         times = 'once' if measurement.moves == 1 else f'{measurement.moves} times'

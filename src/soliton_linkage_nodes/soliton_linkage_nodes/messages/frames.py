@@ -138,10 +138,10 @@ class FrameAssembler:
     the frame has all joints of the chain, or all joints that earlier merged frames had. Otherwise
     it returns the incomplete frame when a message with another stamp arrives.
 
-    There is one exception: while no two messages have had equal stamps, there is nothing to merge.
-    Then only the first incomplete frame is delayed, and each later message is returned at once.
-    The first two messages with equal stamps are therefore returned separately. The assembler
-    merges messages from the next stamp on.
+    There is one exception. If the message after the first incomplete message has another stamp,
+    the assembler assumes that each message is one frame. It then returns each later message at
+    once, until two messages have equal stamps and different joints. These two messages are
+    returned separately. The assembler merges messages from the next stamp on.
     """
 
     def __init__(self, joint_names: Sequence[str] = ()) -> None:
@@ -292,8 +292,8 @@ def _serialized(frame: JointStates) -> bytes:
 
 
 _DEPTH = 200
-"""Queue depth if a frame consists of several messages [messages]. At 1000 Hz the queue holds the
-messages of 0.2 s."""
+"""Queue depth if a frame consists of several messages [messages]. At 1000 messages per second the
+queue holds the messages of 0.2 s."""
 _LONGEST_ASSEMBLY = 0.3
 """Time without messages after which an incomplete frame is returned [s]."""
 

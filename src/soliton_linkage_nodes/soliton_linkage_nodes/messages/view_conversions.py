@@ -183,11 +183,11 @@ def edge_command_of(
 ) -> msg.EdgeCommand:
     """Return the message of a command to an edge actuator.
 
-    `kind` is 'kick', 'pressure', 'pulse' or 'waveform', and `edge` is 'nearest', 'first' or
-    'last'. The unit of `value` is [rad/s] for a kick, [N m] for a pulse and [Pa] for a pressure.
-    For a waveform it is [N m] or, if `quantity` is 'angle', [rad]. The unit of all times is [s].
-    Only waveforms use `shape`, `quantity` and the additional fields `numbers`. Raises ValueError
-    if a name is unknown or a number is not finite.
+    `kind` is 'kick', 'pressure', 'pulse' or 'waveform'. `edge` is 'first', 'last' or 'nearest',
+    the edge that is nearer to the zero-energy mode. The unit of `value` is [rad/s] for a kick,
+    [N m] for a pulse and [Pa] for a pressure. For a waveform it is [N m] or, if `quantity` is
+    'angle', [rad]. The unit of all times is [s]. Only waveforms use `shape`, `quantity` and the
+    additional fields `numbers`. Raises ValueError if a name is unknown or a number is not finite.
     """
     names = {'kind': kind, 'edge': edge, 'shape': shape, 'quantity': quantity}
     numbers |= {'value': value, 'duration': duration, 'ramp_up': ramp_up, 'ramp_down': ramp_down}

@@ -39,8 +39,8 @@ a tenth of this time."""
 _WARNING_PERIOD = 1.0
 """Shortest time between two warnings about restarts or jumps of the controller's clock [s]."""
 _LONGEST_DELAY = 0.5
-"""Delay of the last frame above which the node warns [s], relative to the smallest delay from a
-measurement to its arrival (see `DeviceClock.delay`)."""
+"""Largest `DeviceClock.delay` without a warning [s]. This is the time from the measurement of the
+last frame to its arrival, minus the fitted smallest time from a measurement to its arrival."""
 
 
 @dataclass(frozen=True)
@@ -74,9 +74,10 @@ class SerialEncoders(ManagedNode):
     The node publishes the angles in `joint_states` [rad] with the time of the measurement as
     stamp. The angles of missing rotors are NaN. The node subscribes to `rotor_torques` [N m]. If
     the chain has feedback, the node computes feedback torques from the measured angles and adds
-    them to these torques. Before each frame the node publishes the impulses of `rotor_torques`,
-    without the feedback, in `delivered_impulses` [N m s]. It also publishes `/diagnostics` and, if
-    parameters describe the chain, `chain`.
+    them to these torques. Before each frame the node publishes `delivered_impulses` [N m s],
+    unless all of them are 0. They are the impulses of `rotor_torques`, without the feedback, from
+    the measurement of the previous frame to the measurement of this frame. The node also publishes
+    `/diagnostics` and, if parameters describe the chain, `chain`.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {

@@ -144,8 +144,8 @@ class PlaybackThread:
     `awaited` lists the topics that must have a subscriber before the playback. The thread first
     waits for subscribers of the latched topics in `awaited`. It then publishes the last latched
     messages from before the played interval. Then it waits for subscribers of the other topics in
-    `awaited`. If the parameter `lockstep` is set, it also waits until an analyser publishes
-    `soliton_state`.
+    `awaited` and, if the parameter `lockstep` is set, for a publisher of `soliton_state`. After
+    these waits it plays the interval.
 
     `finished` is true after the playback has reached its end or failed, but not after a stop.
     `failure` is the error of a failed playback. `rounds` is the number of times that the interval
@@ -240,9 +240,9 @@ class PlaybackThread:
         self._progress.end(f'played {self.summary(f" of {self._settings.bag}")}')
 
     def _play_from(self, reader: BagReader, start: int, ahead: dict[str, int]) -> NextAction:
-        """Play from `start` [ns], except for the messages that `_publish_latched` has published.
+        """Play the messages from `start` [ns] on, except for the messages in `ahead`.
 
-        `ahead` contains the receive times of these messages by topic [ns].
+        `ahead` is the result of `_publish_latched`, which has published these messages already.
         """
         self._clock.start(start)
         before = start
@@ -275,8 +275,8 @@ class PlaybackThread:
     def _publish_latched(self, reader: BagReader, start: int) -> dict[str, int]:
         """Publish the last messages from before `start` [ns] on each latched topic.
 
-        If a topic has no earlier message, its first later message is published instead. Returns
-        the receive times of these later messages by topic [ns].
+        If a topic has no earlier message, its first message from `start` on is published instead.
+        Returns a mapping from the names of such topics to the receive time of this message [ns].
         """
         ahead = {}
         for topic in self._publishers.of(reader.topics):

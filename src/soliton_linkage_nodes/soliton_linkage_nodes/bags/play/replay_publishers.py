@@ -211,7 +211,7 @@ class ReplayPublishers:
         )
 
     def reset(self) -> None:
-        """Reset the counters, and do not wait for unanswered frames any more."""
+        """Reset the numbers of published and omitted messages. Forget the unanswered frames."""
         self.published = 0
         self.left_out = 0
         if self.lockstep is not None:

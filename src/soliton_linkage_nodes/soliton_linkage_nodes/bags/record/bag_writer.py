@@ -45,8 +45,8 @@ class UnfinishedBag:
 class BagWriter:
     """Writer of a bag in a directory named `<name>_<first free number>`.
 
-    Only one thread may use the writer. At intervals of `flush_interval` [s], the writer passes
-    pending messages to the operating system, so that they are not lost if the process is killed.
+    Only one thread may use the writer. At intervals of `flush_interval` [s], the writer passes the
+    new messages to the operating system, so that they are not lost if the process is killed.
     At intervals of `sync_interval` [s], it synchronises the file to the disk; 0 means never. A
     reserve file is removed after a failed write, so that the index fits on a full disk. The
     methods raise OSError if the bag cannot be written.
@@ -126,7 +126,10 @@ class BagWriter:
         return added
 
     def add_stored_topic(self, topic: StoredTopic) -> StoredTopic:
-        """Add a topic of another bag, and return the topic with its number in this bag."""
+        """Add a topic from another bag.
+
+        Returns a copy of the topic with a new `StoredTopic.number`, its channel id in this bag.
+        """
         stored = replace(topic, number=len(self.topics) + 1)
         self._remember(stored)
         with self._naming_the_bag():
@@ -177,7 +180,7 @@ class BagWriter:
                 self._write_custom_data()
 
     def flush(self) -> None:
-        """Pass all pending messages to the operating system."""
+        """Pass all messages that are still in memory to the operating system."""
         with self._naming_the_bag():
             self._file.flush()
 

@@ -28,8 +28,11 @@ class McapWriter:
     The writer repeats the definitions of all topics at intervals, so that messages stay readable
     if another part of the file is lost. Every chunk contains a message, because MCAP C++ before
     2.0.1 ignores the index if the first chunk has no message. If a write fails, the file is
-    truncated to its previous length, and OSError is raised. `counts` maps topic numbers to numbers
-    of messages, and `span` is the first and the last receive time [ns].
+    truncated to its previous length, and OSError is raised.
+
+    Added messages are pending until their chunk is written to the file. `counts` maps topic
+    numbers to numbers of messages, including pending messages. `span` is the first and the last
+    receive time of the written messages [ns].
     """
 
     def __init__(self, path: Path, codec: str = '', definitions_interval: float = 10.0) -> None:
@@ -121,7 +124,7 @@ class McapWriter:
         self.span = (min(known), max(known))
 
     def discard(self) -> None:
-        """Discard the pending messages after a failed write. `counts` does not include them."""
+        """Discard the pending messages after a failed write. Subtract them from `counts`."""
         for number, entries in self._entries.items():
             self.counts[number] -= len(entries) // 2
         self._begin_chunk()

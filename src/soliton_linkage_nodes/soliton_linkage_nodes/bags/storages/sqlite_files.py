@@ -268,9 +268,9 @@ class RecoveredSqlite(RecoveredFile):
 def _with_journal(path: Path, folder: Path, excess: int = 0) -> Path:
     """Return the path of a file that SQLite can open without its journal.
 
-    `excess` is the number of bytes after the last complete page of the file. Without a journal and
-    excess bytes, the result is `path` itself. Otherwise it is the path of a copy in `folder`. The
-    copy contains the changes in the journal and lacks the excess bytes.
+    `excess` is the number of bytes after the last complete page of the file. If there is neither a
+    journal nor an excess byte, the result is `path` itself. Otherwise it is the path of a copy in
+    `folder`. The copy contains the changes in the journal and lacks the excess bytes.
     """
     journals = [Path(f'{path}{end}') for end in ('-journal', '-wal')]
     present = [each for each in journals if each.is_file() and each.stat().st_size]
