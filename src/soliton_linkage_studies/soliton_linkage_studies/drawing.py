@@ -146,7 +146,10 @@ class ChainPicture:
     ) -> None:
         """Draw a chain at angles [rad] with an optional mode [1], each of shape (N,).
 
-        A mode component of 1 is drawn as an arrow of `arrow_length` [m]. Odd rotors are drawn
+        A mode component of 1 is drawn as an arrow of `arrow_length` [m]; if this is None, the
+        length is 1.2 times the larger of rotor length and spacing. If `rigid` is true, springs are
+        drawn as solid lines, otherwise as dashed lines. If `projections` is true, the
+        displacements u = r sin(phi) are drawn as arrows below the chain. Odd rotors are drawn
         `lowered` [m] below even ones, so that rotors do not overlap.
         """
         self.chain = chain

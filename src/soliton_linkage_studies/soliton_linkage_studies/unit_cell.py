@@ -14,11 +14,12 @@ delta = (theta_2 - theta_1) / 2, the condition becomes
 
 Two symmetries map each solution to another solution. The first is s -> -s, that is (theta_1,
 theta_2) -> (-theta_2, -theta_1). The second is delta -> pi - delta, that is (theta_1, theta_2) ->
-(theta_2 - pi, theta_1 + pi). If the lean ratio d is above its critical value d_c, no solution has
-s = 0. The solutions with s > 0 and s < 0 are then two separate components, and the cell is a
-spinner (paper, 'Phase diagram', fig. 4). The condition d > d_c is equivalent to r sin(theta_bar)^2
-> a, and to lbar < 2 r - a for the rest length lbar of the bar. Deviations of single rotors and
-springs are ignored.
+(theta_2 - pi, theta_1 + pi). A full turn of one rotor changes s by pi. For the sign of s, turns
+are added so that -pi / 2 < s < pi / 2; s then has the sign of sin(theta_1 + theta_2). If the lean
+ratio d is above its critical value d_c, no solution has s = 0. The solutions with s > 0 and s < 0
+are then two separate components, and the cell is a spinner (paper, 'Phase diagram', fig. 4). The
+condition d > d_c is equivalent to r sin(theta_bar)^2 > a, and to lbar < 2 r - a for the rest
+length lbar of the bar. Deviations of single rotors and springs are ignored.
 """
 
 from __future__ import annotations
@@ -192,9 +193,9 @@ def _partners(chain: Chain, theta_1: Array) -> tuple[Array, Array]:
 
 
 def _excess(chain: Chain) -> float:
-    """Return r sin(theta_bar)^2 - a [m], or 0 if rounding errors cause a wrong sign.
+    """Return r sin(theta_bar)^2 - a [m], which is at least 0 for spinners and at most 0 otherwise.
 
-    The value is positive for spinners, and negative or 0 for all other chains.
+    If rounding errors give a sign that contradicts the motion class of the chain, return 0.
     """
     excess = chain.rotor_length * math.sin(chain.rest_angle) ** 2 - chain.spacing
     spinner = chain.motion is Motion.SPINNER

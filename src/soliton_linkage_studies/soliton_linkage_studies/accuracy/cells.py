@@ -4,7 +4,8 @@
 The time unit is sqrt(M / k_e) with the mass M of a rotor and the stiffness k_e of a spring. The
 lean ratio is d = 2 r sin(theta_bar) / a for the rotor length r, the rest angle theta_bar and the
 rotor spacing a. A chain is a spinner if d is above the critical value d_c = 2 / sin(theta_bar),
-and a wobbling flipper if d is between 1 and d_c.
+a wobbling flipper if d is between 1 and d_c, and a flipper without wobble if d is at most 1. A
+kink is a wall of charge +1, and an anti-kink is a wall of charge -1.
 """
 
 from __future__ import annotations
@@ -47,10 +48,11 @@ class AccuracyCell:
     noise: float
     """Standard deviation of the noise of each angle [rad]."""
     speed: float
-    """Wanted wall speed at the start of the scene [speed of sound]. The walls are started with the
-    speed that follows from continuum theory; the true speed of a fast wall is different. If a kink
-    would break up, slower kinks are tried until one survives (`steady_wall`). This value has no
-    effect in cells without walls."""
+    """Wanted wall speed at the start of the scene [speed of sound]. The initial rates of a kink
+    follow from continuum theory, so that the true speed of a fast kink is different. If the kink
+    would break up, slower kinks are tried until one survives (`steady_wall`); cells with `nudged`
+    or `disorder` omit this test. This value has no effect in cells without walls (`noise_only` or
+    `kick`), or if the wall is at rest (`start`)."""
     period: float
     """Frame period [time units]."""
     run: int
@@ -68,14 +70,16 @@ class AccuracyCell:
     """Standard deviation of random relative deviations of spacings, rotor lengths, stiffnesses and
     masses in the simulated chain [1]. The analyser is configured without these deviations."""
     impulse_interval: int = 0
-    """Mean number of frames between two impulses on the wall [1]; 0 means no impulses."""
+    """Mean number of frames between two impulses on the wall [1]; 0 means no impulses. Cells with
+    several walls have no impulses."""
     impulses_known: bool = False
     """Whether each impulse is reported to the analyser."""
     unseen: str = ''
     """Rotors without encoder: none (''), both edge rotors ('edges'), or all rotors except one or
     three random ones ('all but one', 'all but three')."""
     kick: float = 0.0
-    """Norm of the rates after a kick that destroys the wall [rad / time unit]; 0 means no kick."""
+    """Norm of the rates after a kick that is too strong for a wall [rad / time unit]: the wall is
+    destroyed before the scene begins. 0 means no kick."""
     noise_only: bool = False
     """Whether all angles are uniformly random, so that no wall exists."""
     degrees: bool = False

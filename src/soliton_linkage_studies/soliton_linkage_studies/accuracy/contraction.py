@@ -59,7 +59,7 @@ class ContractedWall:
 
 @dataclass(frozen=True)
 class Walls:
-    """Chain, and the kicks of the chain at rest; each kick starts one wall."""
+    """Chain and kicks. In one simulation per kick, the kick starts a wall in the chain at rest."""
 
     name: str
     chain: Chain
@@ -167,7 +167,11 @@ def passage_of(
 
 
 def rest_width(chain: Chain) -> float:
-    """Return the mean fitted width of static walls, divided by the theoretical width [1]."""
+    """Return the fitted width of a static wall, divided by `Chain.wall_width` [1].
+
+    The result is a mean over wall positions that cover two rotor spacings in the middle of the
+    chain.
+    """
     middle = chain.number_of_rotors // 2 - 1
     walls = (static_wall(chain, middle + position) for position in np.arange(0, 2, 0.1))
     found = [find_solitons(chain, wall) for wall in walls]

@@ -180,7 +180,8 @@ ESTIMATORS: dict[str, Estimator] = {
   two rotors. The paper uses it for flippers (Fig. 5).
 - `SHIFTED_CROSSING` returns the zero of cos(theta - theta_bar) with the staggered angles theta
   (`staggered`). The paper uses it for spinners (Fig. 6).
-- `TANH_FIT` fits the profile of a wall to the order field (`find_solitons`).
+- `TANH_FIT` fits a tanh profile to the order field of the rotors (`find_solitons`). The order
+  field is +1 in the right-leaning uniform state and -1 in the left-leaning one.
 - `ORBIT_NEAR` returns the wall position at the orbit point nearest to the frame. The search starts
   at the guess.
 - `ORBIT_COLD` returns the same, but searches the whole orbit without a guess."""

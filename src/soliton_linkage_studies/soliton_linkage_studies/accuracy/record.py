@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Errors of the recursive estimator of a wall at constant velocity, after n frames.
+"""Errors of the recursive estimator `OrbitFilter` after n frames of a wall at constant velocity.
 
 Each of the n frames gives a wall position with the variance s^2 = (sigma / Lambda)^2. Here sigma
 is the standard deviation of the angle noise, and Lambda is the arc length of the orbit per rotor

@@ -53,9 +53,8 @@ _FROM_EDGE = 1.0
 _BEGIN = 2.0
 """Smallest distance of a moving wall from both edges at the start [rotor spacings]."""
 _SAMPLES = 200
-"""Number of sampled orbit points with the wall near the first edge [1]. Cells with
-`AccuracyCell.nudged` start in a uniform state. The search for its orbit point begins at the sample
-nearest to it."""
+"""Number of orbit points with the wall near the first edge [1]. With `AccuracyCell.nudged`, the
+search for the orbit point of the initial uniform state begins at the nearest of these points."""
 _LEGS = 2.0
 """Longest random path between the kick of a wall with `AccuracyCell.nudged` and the start of the
 scene [edge-to-edge passages]."""
@@ -76,8 +75,7 @@ _IMPULSE_REACH = 1.5
 _FEWEST = 20
 """Smallest number of frames of a scene with several walls [1]."""
 _DRAWS = 20
-"""Largest number of random scenes that are tried to find one whose walls stay intact and apart
-[1]."""
+"""Largest number of random scenes that are tried until all walls stay intact and apart [1]."""
 _SLOWER = 0.7
 """After each failed draw of a scene, the initial speed of anti-kinks is multiplied by this [1]."""
 _JITTER = 0.05
@@ -114,7 +112,10 @@ class WallScene:
 
 
 def scene_of(cell: AccuracyCell, frames: int, random: Generator) -> WallScene:
-    """Simulate `frames` frames, or fewer if walls meet; impulses act only on a single wall."""
+    """Simulate a scene of `frames` frames.
+
+    A scene with several walls is shorter if a wall breaks up, or nears another wall or an edge.
+    """
     chain = cell.chain
     if cell.noise_only:
         angles = random.uniform(-math.pi, math.pi, (frames, chain.number_of_rotors))

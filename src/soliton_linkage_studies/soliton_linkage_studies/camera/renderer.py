@@ -254,7 +254,12 @@ def posed_plane(
     """Return the plane of a chain whose point `middle` [m] is on the camera axis.
 
     The distance of this point from the camera is `distance` [m]. If `pan`, `pitch` and `roll`
-    [rad] are 0, x points to the right and z up in the picture.
+    [rad] are 0, the plane is perpendicular to the camera axis, with x to the right and z up in the
+    picture. Otherwise the plane is turned about the point `middle`: first by `pan` about the
+    vertical axis of the picture, then by `pitch` about its horizontal axis, and then by `roll`
+    about the camera axis. A positive `pan` moves the right side of the chain towards the camera. A
+    positive `pitch` moves the upper side towards the camera. A positive `roll` turns the picture
+    of the chain clockwise.
     """
     turned = Rotation.from_euler('yxz', [pan, pitch, roll]).as_matrix()
     axes = turned @ np.array([[1.0, 0.0], [0.0, -1.0], [0.0, 0.0]])

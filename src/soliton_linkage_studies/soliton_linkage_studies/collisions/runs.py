@@ -68,10 +68,12 @@ class Collision:
     shift: float = 0.0
     """Shift of the initial positions of both walls along the ring [rotor spacings]."""
     patience: float = 120.0
-    """Extra time that is added to each of two time limits [reach / c]. Until the walls are nearer
-    than `_NEAR`, the limit without extra time is the time in which free walls with half of the
-    initial speed would meet. From then on, it is the time in which free walls would meet with the
-    initial speed and then separate to `ESCAPED` with half of it."""
+    """Extra time that is added to each of two time limits [reach / c]. The first limit counts from
+    the start, and ends the simulation if the walls are not nearer than `_NEAR` by then. Without
+    extra time, it is the time in which free walls with half of the initial speed would meet. The
+    second limit counts from the moment at which the walls are nearer than `_NEAR`. Without extra
+    time, it is the time in which free walls would meet with the initial speed and then separate to
+    `ESCAPED` with half of this speed."""
 
     def __call__(self) -> CollisionRun:
         """Simulate the collision until the walls escape or the time limit is reached."""
@@ -119,25 +121,31 @@ class CollisionRun:
     """
 
     escaped: bool
-    """Whether both walls escaped."""
+    """Whether the walls met and escaped (see `ESCAPED`). Otherwise they form a captured pair, or
+    did not meet before the time limit."""
     collisions: int
     """Number of overlaps."""
     speed_before: float
     """Half of the speed at which the walls approach each other before the collision."""
     kink_speed: float
-    """Speed of the kink after the collision, away from the anti-kink; 0 for a captured pair."""
+    """Speed of the kink after the collision, away from the anti-kink; 0 without escape."""
     anti_kink_speed: float
-    """Speed of the anti-kink after the collision, away from the kink; 0 for a captured pair."""
+    """Speed of the anti-kink after the collision, away from the kink; 0 without escape."""
     between: float
     """Time between the middles of the first two overlaps [reach / c]; NaN without a second one."""
     closest: float
     """Smallest distance between the walls; 0 if they overlapped."""
     turns: int
-    """Number of full turns of the rotors between the walls since the start."""
+    """Number of full turns of the rotors between the walls since the start, positive if their
+    angles phi have increased; 0 if the walls have not escaped, or if the ring is no spinner."""
     broken: bool
-    """Whether the anti-kink was destroyed."""
+    """Whether the anti-kink is destroyed at the end. In a spinner, it is destroyed if the walls
+    escaped, but the energy within `_CORE` of its position is less than half of the rest energy of
+    an anti-kink. In other rings, it is destroyed if a rotor is upside down (cos(theta) < 0 with
+    the staggered angle theta, see `staggered`)."""
     radiated: float
-    """Fraction of the final energy that is outside the walls or outside the captured pair [1]."""
+    """Fraction of the final energy that is farther than `_CORE` from both walls [1]; without
+    escape, the fraction that is farther than `_LUMP` from the middle of the ring."""
     drift: float
     """Largest minus smallest energy during the simulation, divided by the initial energy [1]."""
 

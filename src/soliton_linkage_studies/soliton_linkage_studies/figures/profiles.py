@@ -56,7 +56,8 @@ Angles φ of the rotors in one snapshot of the slowest wall. Far from the wall, 
 blue) and odd rotors (hollow blue) differ by the constant π − 2 θ̄.
 """
 _FAR = 5
-"""Number of rotors at each edge that a wall in the middle of the chain leaves at rest [1]."""
+"""Number of even rotors, and of odd ones, from which the angle between neighbours far from the
+wall is measured [1]. They are at the edge that is farther from the wall."""
 _PROFILES = 4
 """Largest number of drawn profiles [1]. The slowest walls are drawn; more profiles would
 overlap."""

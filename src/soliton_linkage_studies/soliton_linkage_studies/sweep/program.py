@@ -94,7 +94,11 @@ def shares(study: SweepStudy, rows: Sequence[dict[str, str]]) -> Array:
 
 
 def numbers(study: SweepStudy, rows: Sequence[dict[str, str]]) -> Array:
-    """Return the measured value at each point with each seed, or NaN, shape (*axes, seeds)."""
+    """Return the measured value at each point with each seed, shape (*axes, seeds).
+
+    A value is NaN if the measurement failed or gave no number, for example if no wall crossed the
+    chain and its speed was to be measured.
+    """
     shown = [float(row[study.measure.shown] or 'nan') for row in rows]
     return np.array(shown).reshape(_shape(study))
 
