@@ -21,7 +21,9 @@ from soliton_linkage_nodes.messages.frames import FrameAssembler, FrameReader
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 
 _MOST_IMPULSES = 10_000
-"""Largest number of stored impulses of each kind, and of stored tilts [1]."""
+"""Largest number of stored entries of each kind [1]. The kinds are commanded impulses, commanded
+torques, delivered impulses, impulses of delivered torques, tilts and resets. If there are more,
+the earliest entries are dropped."""
 _MOST_UNMATCHED = 100
 """Largest number of messages with standard deviations that are stored without their frame [1]."""
 _Impulses = deque[tuple[int, Array | None]]
@@ -105,9 +107,10 @@ class JointRecord:
             self._drop_unmatched_deviations()
 
     def add_command(self, message: RotorImpulses | JointState, received: int) -> None:
-        """Store commanded impulses, or the time of commanded torques.
+        """Store commanded impulses, or the time of commanded torques that are not zero.
 
-        `received` [ns] replaces the stamp if the message has none.
+        The impulse of commanded torques is unknown, because the message does not state for how
+        long they act. `received` [ns] replaces the stamp if the message has none.
         """
         stamp = time_from_msg(message.header.stamp) or received
         if isinstance(message, RotorImpulses):

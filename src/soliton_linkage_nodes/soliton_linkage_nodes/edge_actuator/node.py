@@ -42,7 +42,8 @@ from soliton_linkage_nodes.runtime.subscriptions import CountedSubscription, Str
 
 _POLL_INTERVAL = 0.02
 """Poll interval for the frames of an idle chain [s]. It is shorter than the usual `state_timeout`.
-The short interval also keeps the code that computes a kick in the caches of the processor."""
+Each poll also computes the zero mode, as a kick does. Frequent polls therefore keep this code in
+the caches of the processor, and a kick starts sooner."""
 _IDLE_AFTER = 1.0
 """A chain without commands for this time is idle [s]."""
 

@@ -42,14 +42,15 @@ because an analyser may use other stamps than the encoders."""
 _LATE_SPAN = 10.0
 """Time window for the fraction of late frames [s]."""
 _CHANGES = 3
-"""A topic counts as having several publishers if the sequence number of its messages decreases at
-least this many times within `_CHANGE_SPAN` [1]."""
+"""Number of decreases of the sequence number [1]. If the sequence number of a topic decreases at
+least this many times within `_CHANGE_SPAN`, the topic counts as having several publishers."""
 _CHANGE_SPAN = 4.0
 """Time window in which decreases of the sequence number are counted [s]."""
 _MOST_CHAINS = 16
 """Largest number of chains that the page shows [1]."""
 _MOST_BYTES = 4_000_000
-"""Largest camera picture that is sent to a page, about 12 megapixels [B]."""
+"""Size of the largest camera picture that is sent to a page [B]. A JPEG picture of this size has
+about 12 megapixels."""
 
 
 class CameraTopic:

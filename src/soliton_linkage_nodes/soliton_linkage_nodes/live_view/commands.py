@@ -166,7 +166,7 @@ class ChainCommands:
         raise ValueError(f'edge_actuator has no torque limit for {joint}')
 
     async def tilt(self, angle: float) -> str:
-        """Tilt the chain to `angle` [rad]. The answer is '' if a newer tilt replaces this one."""
+        """Set a tilt [rad], positive if rotor 0 is up; return '' if a newer tilt replaces it."""
         message = views.number_to_msg(angle)
         before = self._report('simulator')
         self._publish('tilt', message, 'simulator')

@@ -60,8 +60,8 @@ class Column(NamedTuple):
     """State of a chain at one past time."""
 
     numbers: tuple[float, ...]
-    """Stamp of the angles [s], stamp of the state [s], soliton position [rotor spacings], and the
-    `ENERGIES` [J]."""
+    """Stamp of the angles [s], stamp of the state [s], position of the soliton nearest to rotor 0
+    [rotor spacings], and the `ENERGIES` [J]. Unknown values are NaN."""
     overview: Floats
     """The array `overview` in `ARRAYS`."""
 

@@ -17,8 +17,8 @@ REPLAY = '/replay/'
 _DROP_AGE = 30.0
 """Age above which a report is ignored [s]."""
 _LONGEST_DELAY = 0.2
-"""The page warns if soliton_state is behind joint_states by more than this time [s], and also by
-more than two frames (`_FRAMES_BEHIND`)."""
+"""The page warns if the delay of soliton_state behind joint_states exceeds both this time [s] and
+two frames (`_FRAMES_BEHIND`)."""
 _ENDING = ('bag_player', 'bag_recorder')
 """Nodes that end in normal operation. The page does not warn if their reports are missing."""
 _FRAMES_BEHIND = 2

@@ -67,8 +67,9 @@ class BagBatch:
     bags: tuple[tuple[str, Path], ...]
     folder: Path
     analyse: Callable[[Path, Path, NamedChain | None, float | None], int]
-    """Function that analyses one bag. Its arguments are the bag, the output folder, the chain
-    (None: the chain in the bag) and the noise of the angles [rad] (None: unknown)."""
+    """Function that analyses one bag and returns the number of its frames. Its arguments are the
+    bag, the output folder, the chain (None: the chain in the bag) and the noise of the angles
+    [rad] (None: unknown)."""
     chain: Path | None = None
     noise: float | None = None
     name: str = 'bags'

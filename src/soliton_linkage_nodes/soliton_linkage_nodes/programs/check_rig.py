@@ -70,7 +70,8 @@ from soliton_linkage_studies.pictures import rig_page
 _CHAIN_WAIT = 3.0
 """Longest wait for a message on the topic chain after the first message on joint_states [s]."""
 _POLL = 0.1
-"""Poll interval [s]. It is long because a poll may decode many messages."""
+"""Interval between two evaluations of the condition that the program waits for [s]. It is long,
+because an evaluation may decode many messages and therefore needs much processor time."""
 _LATEST = 20
 """Number of latest messages that give the current angles [1]. A single message may lack some
 rotors."""
@@ -109,7 +110,8 @@ class CheckRig(Node):
         """Watch the rig at rest for `seconds` [s], and return the findings, or None after Ctrl-C.
 
         If `turn` is set, the method also asks a person to turn rotors. Each wait for the person or
-        for frames takes at most `limit` [s]. Raises ValueError if no frames arrive.
+        for frames takes at most `limit` [s]. If no rotor turns in this time, a finding reports it.
+        Raises ValueError if no frames arrive.
         """
         if not self._wait(lambda: self._received, limit) and not self._stopping.is_set():
             raise ValueError(

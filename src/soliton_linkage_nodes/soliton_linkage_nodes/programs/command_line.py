@@ -98,7 +98,8 @@ def exit_on_failure(program: str) -> Iterator[None]:
 def ros_client(program: str) -> Iterator[threading.Event]:
     """Initialise ROS for a client, and yield an event that SIGINT and SIGTERM set.
 
-    After an error in the block, the program exits with code 1, and after a signal with code 130.
+    If the block raises an error, the program exits immediately with code 1. If the block ends
+    after a signal, the program exits with code 130. The signal itself does not end the block.
     """
     stopping = stop_on_signals()
     try:

@@ -46,10 +46,10 @@ _RATE = 250.0
 _SECONDS = 6.0
 """Duration of a recording after the nudge [s]."""
 _WAY = 0.8
-"""Duration of a recording divided by `ContractionStudy.duration` [1], with both durations in units
-of sqrt(M / k_e), where M is the mass and k_e the stiffness of the chain. The study without nodes
-simulates the same wall for the time `ContractionStudy.duration`. The recording is shorter, but it
-also contains the passage of the wall through the middle of the chain."""
+"""Duration of a recording divided by the duration of the same motion in the study without nodes,
+`ContractionStudy.duration` [1]. Each duration is in units of sqrt(M / k_e) of its own chain, with
+the mass M and the stiffness k_e. The two chains differ only in k_e. The recording is shorter, but
+still contains the passage of the wall through the middle, where speed and width are measured."""
 _POLL_INTERVAL = 0.1
 """Poll interval while waiting for the end of the program nudge [s]."""
 _UNLIMITED = 1e6

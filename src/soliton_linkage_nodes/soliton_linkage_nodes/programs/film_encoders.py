@@ -3,7 +3,7 @@
 
 The bag has the topics chain, joint_states and joint_state_deviations, which contains the standard
 deviations of the angles. The stamp of a message is the time of its picture. With --overlay, the
-program also writes a copy of the film with the detected markers and the walls.
+program also writes a copy of the film with the detected markers and the solitons.
 """
 
 from __future__ import annotations

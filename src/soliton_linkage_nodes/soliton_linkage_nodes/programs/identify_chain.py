@@ -3,7 +3,8 @@
 
 All bags must be recordings of the same chain. In at least one bag, a soliton must pass all rotors.
 The tilt may differ between bags. The program writes the parameter file chain.yaml, the table
-lengths.csv, and a report with the residuals of each bond.
+lengths.csv, and a report. The report also shows the noise of the angles at each bond, which is
+estimated from the residuals of the fit. A bond is a pair of neighbouring rotors with its spring.
 """
 
 from __future__ import annotations
@@ -53,8 +54,9 @@ class IdentificationOptions:
     """Options of an identification: assumptions about the chain, and the time span to use.
 
     Angles alone do not determine the mean spacing, gravity and the tilts, so that these are
-    options. If `tolerance` is None, it is estimated from the angles. Only frames from `begin` to
-    `end` after the first frame are used.
+    options. `tolerance` is the expected relative standard deviation of lengths of one kind, for
+    example of spacings. If it is None, it is estimated from the angles. Only frames from `begin`
+    to `end` after the first frame are used.
     """
 
     spacing: float | None = quantity(
@@ -245,7 +247,7 @@ def _name(topic: StoredTopic) -> str:
 
 
 _WORST = 3
-"""Number of bonds that the summary lists [1]. It lists the bonds with the largest residuals."""
+"""Number of bonds that the summary lists, those with the noisiest angles [1]."""
 
 
 def write_lengths(found: Identification, path: Path) -> None:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Move the soliton to a rotor and show the motion. This program replaces `ros2 action`.
+"""Move the soliton to a rotor and show the motion.
 
-The program sends a goal of the action move_soliton to soliton_steering, and ends when the soliton
-has arrived. If the soliton cannot arrive, the program ends with exit code 1. Ctrl-C brings the
-soliton to rest.
+Use this program instead of `ros2 action send_goal`. It sends a goal of the action move_soliton to
+soliton_steering, and ends when the soliton has arrived. If the soliton cannot arrive, the program
+ends with exit code 1. Ctrl-C brings the soliton to rest.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Nudge an edge of the chain and print the result. This program replaces `ros2 topic pub`.
+"""Nudge an edge of the chain and print the result.
 
-The program waits for the edge actuator and publishes on the topic nudge. It then prints the answer
-of the actuator from the topic last_kick, or the reason of a failure.
+Use this program instead of `ros2 topic pub`. It waits for the edge actuator and publishes on the
+topic nudge. It then prints the answer of the actuator from the topic last_kick, or the reason of a
+failure.
 """
 
 from __future__ import annotations

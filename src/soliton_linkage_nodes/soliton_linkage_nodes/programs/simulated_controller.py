@@ -4,7 +4,7 @@
 The pressure of a valve exerts a torque on its rotor. The program opens a pseudo-terminal and
 prints its path, which serial_encoders uses as its serial port. Until Ctrl-C, the simulated
 controller sends the angles of the rotors, and applies the torques and pressures that it receives.
-At the start, the chain is at rest without a soliton, and all rotors lean left.
+At the start, the chain is at rest without a soliton, and all rotors lean towards rotor 0.
 """
 
 from __future__ import annotations

@@ -44,8 +44,10 @@ describe."""
 _EXPONENT = re.compile(r'[-+]?\d+(\.\d*)?[eE][-+]?\d+')
 _NAMESPACE_RULE = '__ns:='
 _JOINT_PREFIX = 'torque_limits.'
-"""Prefix of parameters that are named after joints. Such a name is not compared with the declared
-parameters, because only the running node knows the joint names."""
+"""Prefix of parameters that are named after joints. The program passes -p NAME:=VALUE to the nodes
+whose list of parameters contains NAME. These lists contain no name with this prefix, because only
+a running node knows the joint names. The program passes every name with this prefix to the nodes
+whose docstring contains the prefix."""
 
 
 def main() -> None:

@@ -47,7 +47,7 @@ _DEPTH = 10
 """Queue depth of joint_states [messages]. It exceeds 1 because a frame may consist of several
 messages."""
 _FEWEST = 10
-"""Smallest number of rotor marks in the line, even if the remark is long [1]."""
+"""Smallest number of rotor marks in the line, even if the text after the marks is long [1]."""
 
 
 class ChainLine:
@@ -91,7 +91,7 @@ class ChainLine:
         return math.nan if self._chain is None else self._chain[0].chain.spacing
 
     def show(self, solitons: Sequence[float], remark: str) -> None:
-        """Draw the chain, its solitons at given sites [rotor spacings] and a remark.
+        """Draw the chain and its solitons at given sites [rotor spacings], followed by `remark`.
 
         The method does nothing if the last drawing was made less than 0.1 s ago, or less than 2 s
         ago if stderr is not a terminal.

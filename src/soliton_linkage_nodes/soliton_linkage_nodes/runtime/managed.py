@@ -39,7 +39,8 @@ class ManagedNode(GuardedNode, LifecycleNode):
     `deactivate` and `cleanup`. After `cleanup`, the node destroys the topics, timers and services
     that were created since `configure` began. If `configure` or `activate` raises an error, the
     node logs the error and keeps its previous state. If the parameter `autostart` is true, the
-    constructor raises this error instead.
+    constructor configures and activates the node. It then raises an error of these two steps
+    instead of logging it.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {}

@@ -82,7 +82,8 @@ class ClockMonitor:
     def figures(self) -> dict[str, float]:
         """Return the offset [s] and its drift [ppm] by name; {} if there is no new message.
 
-        The drift is omitted in the first 10 s.
+        The drift is the mean drift since the first call that returned an offset. It is omitted
+        in the first 10 s after that call.
         """
         if self._least is None:
             return {}

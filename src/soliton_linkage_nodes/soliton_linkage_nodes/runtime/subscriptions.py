@@ -280,7 +280,11 @@ class StreamSubscription:
             self._node.dispatch(self._adaptive.subscription, dispatched)
 
     def take_waiting(self) -> list[Any]:
-        """Take all waiting messages; return the ones of selected publishers, oldest first."""
+        """Take all waiting messages; return those of the used publishers, the oldest first.
+
+        Partial messages are assembled. The messages are not passed to the callback `take`, and
+        none is skipped because of `longest_lag` or `latest`.
+        """
         kept = [each for each, info in self._adaptive.waiting() if self._keeps(each, info)]
         return [whole for each in kept for whole in self._assemble(each)]
 

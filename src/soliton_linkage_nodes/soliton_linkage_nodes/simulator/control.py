@@ -17,8 +17,8 @@ from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage_nodes.runtime.guarded import describe_error
 
 _LEAST_PROGRESS = 1e-3
-"""A reset is rejected if less than this fraction of the first frame interval is simulated within
-`longest_trial` [1]."""
+"""Smallest fraction of the first frame interval that a reset must simulate within the processor
+time `longest_trial` of `SimulationControl` [1]. Otherwise, the reset is rejected."""
 _MOST_KICKS = 10_000
 """Largest number of kicks that may wait for the next frame [1], about as many as can arrive in 1
 s."""
@@ -38,7 +38,8 @@ class SimulationStatus:
     energy: float
     """Energy of the current frame [J]."""
     energy_drift: float
-    """Energy error that the solver causes, relative to the largest energy so far [1]."""
+    """Energy that errors of the solver have added since the last reset, divided by the largest
+    energy since then [1]. Negative values mean a loss."""
     dissipated: float
     """Energy dissipated by the damping since the last reset [J]."""
 
@@ -145,12 +146,16 @@ class SimulationControl:
             self._commands.count += 1
 
     def set_gravity(self, gravity: Gravity) -> None:
-        """Set the gravity that acts from the next frame on, also after resets."""
+        """Set the gravity that acts from the next frame on. Resets do not change it."""
         with self._lock:
             self._gravity = gravity
 
     def set_non_reciprocity(self, value: float) -> None:
-        """Set the motors' non-reciprocity [N m/rad] from the next frame on, also after resets."""
+        """Set the parameter `Chain.non_reciprocity` [N m/rad] from the next frame on.
+
+        It is the torque of each bond on both of its rotors, per difference of their coordinates.
+        Resets do not change it.
+        """
         with self._lock:
             self._non_reciprocity = value
 

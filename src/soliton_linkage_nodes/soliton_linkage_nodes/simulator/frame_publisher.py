@@ -76,11 +76,12 @@ class SensedJoints:
 class DeliveryPublisher:
     """Publisher of `delivery`: the total effect of all impulses and torques on the chain.
 
-    The totals are the number and the work of the impulses, the work of the torques, and their
-    angular impulse on each rotor. The totals of torques are exact, because torques are constant
-    between two frames. A message is published at a frame if impulses or torques have acted since
-    the previous frame, and once more after the first frame interval without torques. A reset of
-    the simulation does not change the totals.
+    The totals are the number and the work of the impulses, the work of the torques, and the
+    angular impulse of the torques on each rotor. The totals of torques are exact, because torques
+    are constant between two frames. A message is published at a frame if impulses or torques have
+    acted since the previous frame. One more message, after the first frame interval without
+    torques, reports that the torques have ended. A reset of the simulation does not change the
+    totals.
     """
 
     def __init__(self, node: Node, number_of_rotors: int, stamp: int) -> None:

@@ -200,7 +200,11 @@ class Simulator(ManagedNode):
         self.control.hold(torques)
 
     def _check_stamp(self, stamp: int) -> None:
-        """Raise ValueError if a stamp [ns] is far from both the clock and the last stamp."""
+        """Check the stamp of impulses or torques [ns]; 0 is always accepted.
+
+        Raises ValueError if the stamp differs by more than `stamp_tolerance` from both the clock
+        and the stamp of the last frame.
+        """
         limit = self.settings.stamp_tolerance
         if not (stamp and limit):
             return

@@ -40,10 +40,11 @@ from soliton_linkage_nodes.runtime.subscriptions import (
 )
 
 _LONGEST_ASSEMBLY = 1.0
-"""An incomplete frame waits for its missing joints for one to two times this time [s], or until
-another frame begins. It is then analysed without them."""
+"""Period of the timer that ends the wait for the missing joints of a frame [s]. The timer analyses
+a frame that was already incomplete at the previous call. A wait therefore lasts one to two
+periods, but ends earlier if another frame begins."""
 _FRAMES_BEFORE_REPORT = 100
-"""The node warns of joints without angles after this number of frames [1]."""
+"""Number of analysed frames after which the node warns of joints that had no angle so far [1]."""
 
 
 @dataclass(frozen=True)
@@ -80,16 +81,18 @@ class AnalyserParameters:
 
 
 class SolitonAnalyser(ManagedNode):
-    """Node that estimates solitons, topology, energies and the orbit phase for each frame.
+    """Node that estimates the solitons (walls) of the chain and other quantities for each frame.
 
-    The orbit phase is the phase of the periodic motion in which a wall travels from edge to edge
-    and is reflected there.
+    The other quantities are topological quantities such as the total charge (see the message
+    Topology), energies (see the message Energies) and the orbit phase. The orbit phase is the
+    phase of the periodic motion in which a soliton travels from edge to edge and is reflected
+    there.
 
     It subscribes to `joint_states` [rad, rad/s] and, unless parameters specify the chain, to
     `chain`. It also subscribes to `joint_state_deviations` [rad], the standard deviations of the
-    angles, and to `delivered_impulses` [N m s], which change the velocity of a wall. It publishes
-    `soliton_state`, `soliton_events` and `/diagnostics`. Events are births, reflections and
-    collisions of walls.
+    angles, and to `delivered_impulses` [N m s], which change the velocity of a soliton. It
+    publishes `soliton_state`, `soliton_events` and `/diagnostics`. Events are births, reflections
+    and collisions of solitons.
     """
 
     PARAMETERS: ClassVar[dict[type, str]] = {
@@ -259,7 +262,8 @@ def main() -> None:
 
 _MISFIT_OVER_NOISE = 3.0
 """The node warns of a misfit only if the misfit exceeds this number times the noise of the angles
-[1]."""
+[1]. The misfit is the root mean square difference between the angles near the soliton and the
+angles on the periodic orbit of the chain, over recent frames."""
 _CONTRADICTION_CONFIDENCE = 0.999
 """The node warns if the angles show another motion class than the parameters specify, and if the
 probability of the shown class exceeds this value [1]. The classes are flipper, wobbling flipper

@@ -62,8 +62,8 @@ class SteeredChain:
         self.named = named
         rotors = _rotors(named, settings.actuated_joints)
         self.limitation = ''
-        """Reason why the steering ignores the deviations of single rotors and springs from the
-        parameters of the chain, or '' if it uses these deviations."""
+        """Reason why the steering assumes equal rotors and equal springs, or '' if it uses the
+        deviations of single rotors and springs from the common values."""
         try:
             orbit = orbit_of(named.chain)
         except (ValueError, ArithmeticError) as error:
@@ -117,8 +117,8 @@ _OBSERVER_FRAMES = 200
 """Before a move, the position and velocity of the soliton are estimated from at most this number
 of recent frames [1]. At 1000 Hz, earlier frames would hardly change the estimate."""
 _REPORT_FRAMES = 8
-"""A report on a free soliton uses this number of recent frames [1]. The position needs one frame,
-and the phonon energy four."""
+"""A report on a free soliton uses this number of recent frames [1]. The position needs one frame.
+The phonon energy needs four; it is a mean, which the other frames make more accurate."""
 
 
 class SolitonSteering(ManagedNode):

@@ -29,8 +29,9 @@ from soliton_linkage_nodes.visualisation.observed_chain import ObservedChain
 from soliton_linkage_nodes.visualisation.scene import ChainScene
 
 _MOST_BUSY = 0.5
-"""Largest fraction of the time that is spent on drawing [1], unless a drawing takes longer than
-1 s. After a drawing the node pauses."""
+"""Largest fraction of the time that is spent on drawing [1]. After a drawing, the node pauses for
+as long as the drawing took, but at most for `_LONGEST_REST`. The fraction is therefore larger if a
+drawing takes longer than 1 s."""
 _LONGEST_REST = 1.0
 """Longest pause after a drawing [s]. Otherwise a long pause would follow the first drawing, which
 takes long because it imports matplotlib."""

@@ -107,8 +107,9 @@ class ObservedChain:
     def describe(self) -> str:
         """Return a text about the chain and its nodes, one line per subject.
 
-        The first lines contain the position on the periodic orbit (phase, leg and number of
-        cycles, which the message Cycle defines) and the energies, if they are known. The next
+        The first line contains the position of the chain on its periodic orbit: phase, leg and
+        number of cycles, which the message Cycle defines. The second line contains the energies.
+        Each of these lines is omitted if its values are unknown. The next
         lines are the node reports with a warning or an error or, if there is none, the number of
         nodes that report OK.
         """

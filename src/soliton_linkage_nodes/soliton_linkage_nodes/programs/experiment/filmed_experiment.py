@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Filmed experiment: film a chain of unknown lengths, identify it, and track its soliton."""
+"""Filmed experiment: film a simulated chain, identify its lengths, and track its soliton.
+
+The lengths of the rotors, spacings and springs deviate from the known nominal values.
+"""
 
 from __future__ import annotations
 
@@ -37,8 +40,8 @@ from soliton_linkage_studies.camera.runs import CAMERA, BenchParameters, FilmedB
 _DEVIATIONS = interfaces.JOINT_STATE_DEVIATIONS.name
 _print = partial(print, flush=True)
 _FROM_EDGES = 4.0
-"""The position errors do not include frames in which the soliton is closer to an edge than this
-[rotor spacings]."""
+"""The position errors do not include frames in which the soliton is closer to an edge of the
+chain than this [rotor spacings]."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +49,7 @@ class PositionErrors:
     """Errors of the angles and of the soliton position in a film.
 
     Position errors are root mean squares [rotor spacings] over the frames in which the soliton is
-    not near an edge.
+    not near an edge of the chain.
     """
 
     angle_noise: float

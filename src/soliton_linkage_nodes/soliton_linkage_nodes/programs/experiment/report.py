@@ -41,8 +41,9 @@ class RecordedRun:
     recording: Recording
     track: Track
     solitons: tuple[list[float], ...]
-    """Flat list for each time in `track.times`, with three numbers per soliton: position [rotor
-    spacings], standard deviation of the position [m], and charge."""
+    """One flat list for each time in `track.times`, with three numbers per soliton: position
+    [rotor spacings], standard deviation of the position [m], and charge. The page view.html
+    requires these different units."""
     crossings: tuple[Crossing, ...]
     states: Mapping[int, tuple[float, ...]]
     """Site coordinates [rotor spacings] of the solitons in each recorded soliton_state message.
