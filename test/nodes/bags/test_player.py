@@ -20,7 +20,7 @@ from std_srvs.srv import Trigger
 from soliton_linkage.dynamics.elastic import simulate
 from soliton_linkage.linear.rigidity import mode_towards_last
 from soliton_linkage.linkage.chain import Chain
-from soliton_linkage_msgs.msg import SolitonState
+from soliton_linkage_msgs.msg import SolitonEvent, SolitonState
 from soliton_linkage_msgs.srv import GetRate, Seek, SetRate
 from soliton_linkage_nodes.bags.player import BagPlayer
 from soliton_linkage_nodes.bags.reading import find_topic, open_bag
@@ -324,6 +324,29 @@ def test_in_lockstep_no_more_frames_are_on_their_way_than_the_window(graph, name
         graph.until(lambda seen=reports, n=expected: seen or n > 7, 'some time')
         assert len(frames) == expected
         answers.publish(SolitonState(header=frames[expected - 7].header))
+
+
+def test_in_lockstep_recorded_states_and_events_are_not_published(graph, named, tmp_path):
+    recorded = [
+        (interfaces.SOLITON_STATE, START, SolitonState()),
+        (interfaces.SOLITON_EVENTS, START, SolitonEvent()),
+    ]
+    bag = write_bag(tmp_path / 'run', [*recorded, *run_of(named, 20)])
+    frames, states, events = (
+        graph.hear(topic)
+        for topic in (
+            interfaces.JOINT_STATES,
+            interfaces.SOLITON_STATE,
+            interfaces.SOLITON_EVENTS,
+        )
+    )
+    answers = interfaces.SOLITON_STATE.publisher(graph.user)
+    player = graph.start(BagPlayer, {'bag': str(bag), 'lockstep': True, **PATIENT})
+    graph.until(lambda: len(frames) == 20, 'the frames')
+    answers.publish(SolitonState(header=frames[-1].header))
+    graph.until(lambda: player.finished and len(states) == 1, 'the end')
+    assert states[0].header == frames[-1].header
+    assert events == []
 
 
 def test_frames_that_the_analyser_does_not_answer_are_given_up(graph, named, tmp_path):

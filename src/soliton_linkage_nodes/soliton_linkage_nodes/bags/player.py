@@ -106,10 +106,8 @@ class BagPlayer(ManagedNode):
 
     A frame consists of all joint states with one stamp. If `lockstep` is set, a frame waits until
     fewer than `lockstep_window` earlier frames lack a `soliton_state` of the analyser. Recorded
-    soliton states are then not published. Recorded soliton events are published in addition to the
-    events of the analyser; list the other topics in `topics` to omit them. If `lockstep` is not
-    set, recorded states and events are not published while an analyser publishes them, unless
-    `topics` names them.
+    soliton states and events are then not published. If `lockstep` is not set, they are not
+    published while an analyser publishes them, unless `topics` names them.
 
     The node publishes the topics of the bag, `/diagnostics` and, with `publish_clock`, `/clock`.
     It serves `~/pause`, `~/resume`, `~/toggle_paused`, `~/is_paused`, `~/play_next`, `~/burst`,

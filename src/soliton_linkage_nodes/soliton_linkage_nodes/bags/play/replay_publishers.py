@@ -43,7 +43,9 @@ class Lockstep:
         """
         self.given_up = 0
         self.frames = frames
-        self.states = f'{frames.rpartition("/")[0]}/{interfaces.SOLITON_STATE.name}'
+        namespace = frames.rpartition('/')[0]
+        self.states = f'{namespace}/{interfaces.SOLITON_STATE.name}'
+        self.events = f'{namespace}/{interfaces.SOLITON_EVENTS.name}'
         self._window = window
         self._limit = limit
         self._changed = threading.Condition()
@@ -189,8 +191,9 @@ class ReplayPublishers:
         return sum(self._counts[each] for each in self.of(self._counts))
 
     def set_lockstep(self, lockstep: Lockstep) -> None:
-        """Publish frames in lockstep with the analyser, and omit recorded states."""
-        self._publishers.pop(lockstep.states, None)
+        """Publish frames in lockstep with the analyser; omit recorded states and events."""
+        for name in (lockstep.states, lockstep.events):
+            self._publishers.pop(name, None)
         self.lockstep = lockstep
 
     def suppress_beside_analyser(self, chosen: Container[str]) -> None:
