@@ -179,7 +179,7 @@ def test_impossible_goals_are_rejected_and_edge_actuators_move_the_wall_within_t
 
 
 def test_a_wall_is_lost_when_the_joint_states_stop_or_jump(graph):
-    bench = Bench(graph, {'state_timeout': 2.0})
+    bench = Bench(graph, {'state_timeout': 10.0})
     handle = bench.send(6.0)
     graph.until(lambda: len(bench.feedback) > 3, 'feedback')
     assert graph.call(SetBool, 'simulator/pause', data=True).success
