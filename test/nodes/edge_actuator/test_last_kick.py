@@ -180,7 +180,7 @@ def test_saturation_is_reported(graph):
 
 
 def test_impulses_that_the_simulator_rejects_are_not_reported_as_delivered(graph):
-    rig = Rig(graph, {'speed_limit': 1e6})
+    rig = Rig(graph, {'speed_limit': 1e6, 'state_timeout': 1.0})
     rig.say(interfaces.NUDGE, Float64(data=1e5))
     kick = rig.next_kick()
     assert (kick.work, list(kick.name), kick.cut_short, kick.measured) == (0.0, [], True, True)

@@ -18,12 +18,19 @@ IMPULSES = np.array([0.5, 0.0])
 class Desk:
     def __init__(self, measured: bool) -> None:
         self.reports: list[KickReport] = []
-        self.record = KickRecord(2, self.reports.append)
+        self.now = 0.0
+        self.record = KickRecord(2, self.reports.append, 0.5, lambda: self.now)
         self.record.measured = measured
 
     def frame(self, number: int) -> None:
         """Record a frame of rotors that turn by 0.1 and 0.3 rad per period."""
         self.record.frame(number * PERIOD, number * np.array([0.1, 0.3]))
+
+    def frames(self, *numbers: int) -> None:
+        """Record frames that arrive one period after the other."""
+        for number in range(*numbers):
+            self.now += PERIOD / 1e9
+            self.frame(number)
 
     def deliver(self, number: int, **fields: object) -> None:
         nothing = {
@@ -139,8 +146,7 @@ def test_kicks_of_one_frame_are_reported_together():
 def test_a_kick_that_is_never_measured_is_reported_without_impulse():
     desk = Desk(measured=True)
     desk.record.kicked(PERIOD, 'nudge', KICK, IMPULSES, 0.75)
-    for number in range(1, 60):
-        desk.frame(number)
+    desk.frames(1, 60)
     (kick,) = desk.reports
     assert (kick.work, kick.cut_short, kick.measured) == (0.0, True, True)
     assert not kick.impulse.any()
@@ -155,7 +161,36 @@ def test_torques_without_further_totals_are_reported_up_to_the_last_ones():
     desk.deliver(1, torques_act=True, work_of_torques=1.5)
     desk.frame(2)
     desk.record.end(2 * PERIOD, cut_short=False)
-    for number in range(3, 60):
-        desk.frame(number)
+    desk.frames(3, 60)
     (kick,) = desk.reports
     assert (kick.work, kick.measured) == (0.5, True)
+
+
+def test_frames_that_arrive_all_at_once_do_not_end_the_wait_for_the_totals():
+    desk = Desk(measured=True)
+    desk.deliver(0)
+    desk.frame(1)
+    desk.record.begin(PERIOD, 'nudge', PULSE)
+    desk.record.sent(TORQUES, saturated=False)
+    desk.record.kicked(PERIOD, 'nudge', KICK, IMPULSES, 0.75)
+    desk.frame(2)
+    desk.record.end(2 * PERIOD)
+    for number in range(3, 300):
+        desk.frame(number)
+    assert desk.reports == []
+    desk.deliver(2, torques_act=True, impulses=1, work_of_impulses=0.7, work_of_torques=1.5)
+    desk.deliver(3, impulses=1, work_of_impulses=0.7, work_of_torques=2.25)
+    assert [kick.work for kick in desk.reports] == [0.7, 2.25]
+    assert not any(kick.cut_short for kick in desk.reports)
+
+
+def test_a_paused_chain_does_not_end_the_wait_for_the_totals():
+    desk = Desk(measured=True)
+    desk.deliver(0)
+    desk.frame(1)
+    desk.record.kicked(PERIOD, 'nudge', KICK, IMPULSES, 0.75)
+    desk.now += 3600.0
+    desk.frame(2)
+    assert desk.reports == []
+    desk.deliver(2, impulses=1, work_of_impulses=0.7)
+    assert [kick.work for kick in desk.reports] == [0.7]

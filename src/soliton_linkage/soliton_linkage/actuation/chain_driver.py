@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from soliton_linkage.actuation.actuators import Actuator
 from soliton_linkage.actuation.edge_command import EdgeCommand
-from soliton_linkage.actuation.kick_record import KickRecord, KickReport
+from soliton_linkage.actuation.kick_record import DELIVERY_TIMEOUT, KickRecord, KickReport
 from soliton_linkage.actuation.torque_drive import Rotors, TorqueDrive
 from soliton_linkage.linear.rigidity import Edge
 from soliton_linkage.linkage.chain import Array, Chain
@@ -36,7 +36,8 @@ class ChainDriver:
     After the end of a joint command, its last torques are held for `timeout` [s]. The function
     `report` is called with each finished `KickReport`. The report names the `source` of each
     command, which is the topic of the command. If the interval between two frames exceeds
-    `longest_gap` [s], the current torques are reported as cut short.
+    `longest_gap` [s], the current torques are reported as cut short. A report waits for the totals
+    from the simulator for `longest_gap` or `DELIVERY_TIMEOUT`, whichever is longer.
     """
 
     def __init__(
@@ -48,7 +49,8 @@ class ChainDriver:
         report: Callable[[KickReport], None],
     ) -> None:
         self.chain = chain
-        self.record = KickRecord(chain.number_of_rotors, report)
+        patience = max(longest_gap, DELIVERY_TIMEOUT)
+        self.record = KickRecord(chain.number_of_rotors, report, patience)
         self._drive = TorqueDrive(chain, actuator, timeout)
         self._longest_gap = longest_gap
         self._pending: list[_PendingCommand] = []

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -12,9 +13,9 @@ from soliton_linkage.actuation.edge_command import EdgeCommand
 from soliton_linkage.dynamics.work import TorqueLedger
 from soliton_linkage.linkage.chain import Array
 
-_DELIVERY_TIMEOUT = 10**9 // 2
-"""Longest time between a kick and the totals from the simulator [ns], measured by the stamps of
-frames. After this time, the kick is reported without the totals."""
+DELIVERY_TIMEOUT = 2.0
+"""Longest time between a kick and the totals from the simulator [s]. It is longer than the lag at
+which a subscription skips frames."""
 
 
 @dataclass(frozen=True)
@@ -75,10 +76,12 @@ class _TorqueEpisode:
     cut_short: bool = False
     ended: int | None = None
     superseded: bool = False
+    ended_at: float = 0.0
 
 
 @dataclass(frozen=True)
 class _Impulse:
+    sent_at: float
     stamp: int
     source: str
     command: EdgeCommand
@@ -93,13 +96,23 @@ class KickRecord:
     simulator does not publish `DeliveryTotals`, impulse and work are computed, with the assumption
     that torques sent after frame k act from frame k + 1 to frame k + 2. The current frame is the
     last one for which `frame` was called.
+
+    A report waits for the totals until both the stamps of the frames and `clock` [s] have advanced
+    by `timeout` [s]. Stamps alone would not be enough: after a delay, many frames arrive at once.
     """
 
-    def __init__(self, number_of_rotors: int, report: Callable[[KickReport], None]) -> None:
+    def __init__(
+        self,
+        number_of_rotors: int,
+        report: Callable[[KickReport], None],
+        timeout: float = DELIVERY_TIMEOUT,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
         self.measured = False
         """Whether a simulator publishes delivery totals."""
         self._rotors = number_of_rotors
         self._report = report
+        self._timeout, self._clock = timeout, clock
         self.delivered: DeliveryTotals | None = None
         """Latest totals from the simulator."""
         self._impulses: list[_Impulse] = []
@@ -126,7 +139,7 @@ class KickRecord:
 
         `stamp` is the stamp of the current frame [ns], and `source` is the topic of the command.
         """
-        kick = _Impulse(stamp, source, command, impulses, work)
+        kick = _Impulse(self._clock(), stamp, source, command, impulses, work)
         if self.measured:
             self._impulses.append(kick)
         else:
@@ -157,6 +170,7 @@ class KickRecord:
         """
         if self._episode is not None:
             self._episode.ended, self._episode.superseded = stamp, superseded
+            self._episode.ended_at = self._clock()
             self._episode.cut_short |= cut_short
             self._ended.append(self._episode)
             self._episode = None
@@ -202,17 +216,20 @@ class KickRecord:
             self._close(None)
 
     def _settle(self, stamp: int) -> None:
-        late = [kick for kick in self._impulses if stamp - kick.stamp > _DELIVERY_TIMEOUT]
+        late = [k for k in self._impulses if self._overdue(stamp - k.stamp, k.sent_at)]
         if late:
             del self._impulses[: len(late)]
             self._report_impulses(late, 0.0, measured=True, rejected=True)
         while self._ended:
             episode = self._ended[0]
             acting = self._acting[0] is episode or self._sent[0] is episode
-            overdue = stamp - (episode.ended or 0) > _DELIVERY_TIMEOUT
+            overdue = self._overdue(stamp - (episode.ended or 0), episode.ended_at)
             if acting or (self.measured and not overdue):
                 return
             self._close(self.delivered if self.measured else None)
+
+    def _overdue(self, age: int, since: float) -> bool:
+        return min(age / 1e9, self._clock() - since) > self._timeout
 
     def _close(self, after: DeliveryTotals | None) -> None:
         episode = self._ended.pop(0)

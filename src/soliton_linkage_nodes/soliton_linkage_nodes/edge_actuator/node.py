@@ -38,7 +38,11 @@ from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
 from soliton_linkage_nodes.runtime.parameters import declare
 from soliton_linkage_nodes.runtime.process import run
-from soliton_linkage_nodes.runtime.subscriptions import CountedSubscription, StreamSubscription
+from soliton_linkage_nodes.runtime.subscriptions import (
+    AdaptiveSubscription,
+    CountedSubscription,
+    StreamSubscription,
+)
 
 _POLL_INTERVAL = 0.02
 """Poll interval for the frames of an idle chain [s]. It is shorter than the usual `state_timeout`.
@@ -117,7 +121,7 @@ class EdgeActuator(ManagedNode):
             source = self.resolve_topic_name(name)
             command = self.diagnostics.guarded(source, self._counting(source, take))
             CountedSubscription(self, replace(topic, name=name), command, self.diagnostics)
-        interfaces.DELIVERY.subscribe(self, self._on_delivery)
+        self._deliveries = AdaptiveSubscription(self, interfaces.DELIVERY, self._on_delivery)
         take_fresh = self.while_active(self._on_joint_states)
         take_joints = self.diagnostics.guarded('joint_states', take_fresh)
         self._joint_states = StreamSubscription(
@@ -175,6 +179,9 @@ class EdgeActuator(ManagedNode):
         chain = self.commands.chain
         if chain is None or not chain.driver.busy:
             return
+        # The frame may be later than deliveries that still wait, if frames were skipped.
+        for delivery, _ in self._deliveries.waiting():
+            self._on_delivery(delivery)
         was_driving = chain.driver.driving
         try:
             frame, stamp = self.frames.read(chain.named)
