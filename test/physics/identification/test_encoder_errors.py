@@ -83,3 +83,11 @@ def test_a_force_is_named_before_an_error_of_an_edge_rotor_that_depends_on_the_a
         assert fault is not None
         assert fault.text.startswith('a force that was not recorded') == (rotor != 5)
         assert f'rotor_{rotor} has an encoder whose error depends on the angle' in fault.text
+
+
+@pytest.mark.parametrize(('deviations', 'certain'), [(2.8, None), (3.5, False), (4.8, True)])
+def test_a_gain_error_is_reported_as_certain_only_if_noise_cannot_cause_it(deviations, certain):
+    scores = np.zeros(6 * 12)
+    scores[0] = 30.0 * deviations
+    fault = encoder_fault(NAMES, scores, 900.0 * np.eye(6 * 12))
+    assert (fault and fault.certain) == certain

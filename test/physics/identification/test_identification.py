@@ -278,6 +278,16 @@ def test_a_wrong_gain_is_named_and_its_correction_is_accepted(name):
     identify(Readings(times, readings, names=NAMES), Chain())
 
 
+def test_a_gain_of_an_edge_rotor_that_is_probably_wrong_is_a_warning():
+    _, times, readings = kicked('wobbler', 5)
+    times, readings = times[FEW['wobbler']], readings[FEW['wobbler']]
+    readings[:, 0] *= 1.1
+    found = identify(Readings(times, readings, names=NAMES), Chain())
+    assert re.search(
+        r'larger than stated: rotor_0 has a wrong gain, .* too large', found.warnings[0]
+    )
+
+
 def test_a_wrong_gain_is_not_reported_as_a_kick():
     _, times, readings = kicked('flipper', 4)
     readings[:, 5] *= 1.1

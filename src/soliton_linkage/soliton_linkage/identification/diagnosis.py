@@ -71,13 +71,12 @@ def check_explained(
 
     `model` is the name of the fitted model. `noise` is the root mean square of the `residuals`,
     (T, N), divided by the reading noise [1]. `spreads` contains the estimated relative standard
-    deviations [1] of lengths of one kind, and of masses and stiffnesses. `fault` is a significant
-    encoder error, or None. If it is not None, ValueError is raised even if the model explains the
-    readings.
+    deviations [1] of lengths of one kind, and of masses and stiffnesses. `fault` is an encoder
+    error, or None. If it is certain, ValueError is raised even if the model explains the readings.
     """
     faults = unexplained(noise, spreads)
     if not faults:
-        if fault:
+        if fault and fault.certain:
             raise ValueError(fault.text)
         return
     by_rotor = np.mean(residuals**2, axis=0)
@@ -100,7 +99,7 @@ def check_explained(
         (1.0, 'joints are missing or not in the order of the rotors'),
     ]
     ordered = [cause for _, cause in sorted(causes, key=lambda each: -each[0])]
-    named = '; '.join([fault.text, *ordered] if fault else ordered)
+    named = '; '.join([fault.text, *ordered] if fault and fault.certain else ordered)
     raise ValueError(
         f'no model explains this recording: with {model}, {" and ".join(faults)}. Most likely '
         f'causes: {named}. Correct them, or select a part of the recording by --begin and --end'

@@ -39,8 +39,11 @@ from soliton_linkage.identification.readings import Readings, repeat_counts
 from soliton_linkage.linkage.chain import Array
 
 _SIGNIFICANT = 4.5
-"""A gain error or play is reported if it is larger than this [standard deviations]. In 20 correct
+"""An error of an encoder is certain if it is larger than this [standard deviations]. In 20 correct
 recordings of 12 rotors, the largest gain error was 2.3 and the largest play 4.0."""
+_SUSPICIOUS = 3.0
+"""A gain error is also reported, as possible, if it is larger than this [standard deviations]. The
+gain of an edge rotor has a standard deviation of about 2 %."""
 _SIGNIFICANT_NONLINEARITY = 9.0
 """Nonlinearity is reported only if its significance is larger than this [standard deviations]."""
 _NONLINEAR = 1.3
@@ -121,6 +124,24 @@ class EncoderFault(NamedTuple):
     variance of a reading [1]."""
     rotor: int | None = None
     """Number of the rotor whose encoder most likely has the error; None for all rotors."""
+    force: bool = False
+    """Whether `text` names an unrecorded force as another cause."""
+
+    @property
+    def certain(self) -> bool:
+        """Whether noise is too small to cause the decrease."""
+        return self.decrease > _SIGNIFICANT**2
+
+    def or_force(self, joints: Sequence[str], likelier: bool) -> EncoderFault:
+        """Return the error with an unrecorded force as another cause, first if `likelier`."""
+        if self.force:
+            return self
+        force = (
+            'a force that was not recorded acts: a hand, or a rotor that is missing before '
+            f'{joints[0]} or after {joints[-1]}'
+        )
+        causes = (force, self.text) if likelier else (self.text, force)
+        return self._replace(text='; or '.join(causes), force=True)
 
 
 def encoder_fault(joints: Sequence[str], scores: Array, information: Array) -> EncoderFault | None:
@@ -133,11 +154,11 @@ def encoder_fault(joints: Sequence[str], scores: Array, information: Array) -> E
     gains, certain = scores[:rotors], np.diag(information)
     plays = np.maximum(scores[rotors : 2 * rotors], 0.0)
     of_gain, of_play = (
-        np.where(each**2 > _SIGNIFICANT**2 * weight, each**2 / weight, 0.0)
+        np.where(each**2 > limit**2 * weight, each**2 / weight, 0.0)
         * (size * np.abs(each) > _SMALLEST_ERROR * weight)
-        for each, weight, size in (
-            (gains, certain[:rotors], 1),
-            (plays, certain[rotors : 2 * rotors], 2),
+        for each, weight, size, limit in (
+            (gains, certain[:rotors], 1, _SUSPICIOUS),
+            (plays, certain[rotors : 2 * rotors], 2, _SIGNIFICANT),
         )
     )
     of_waves = np.array([_decrease(scores, information, n, rotors) for n in range(rotors)])
@@ -169,10 +190,11 @@ def encoder_fault(joints: Sequence[str], scores: Array, information: Array) -> E
             f'{_certainty(largest)}: check its coupling, its counts per turn and the centring of '
             'its disc or magnet, or calibrate it'
         )
-        if worst in (0, rotors - 1):
-            # An edge rotor has one neighbour, so that bars show a nonlinearity of it only weakly.
-            text = f'{_force(joints)}; or {text}'
-    return EncoderFault(text, largest, worst)
+    fault = EncoderFault(text, largest, worst)
+    if of_waves[worst] == largest and worst in (0, rotors - 1):
+        # An edge rotor has one neighbour, so that bars show a nonlinearity of it only weakly.
+        return fault.or_force(joints, likelier=True)
+    return fault
 
 
 def shown_by_bars(
@@ -185,27 +207,13 @@ def shown_by_bars(
     bars also shows it. A force on a rotor changes only the motion. Therefore, an unrecorded force
     is the more likely cause of an error that only the fit of springs shows.
     """
-    if fault.rotor is None or _force(joints) in fault.text:
+    if fault.rotor is None:
         return fault
     rotors, rotor = len(joints), fault.rotor
     play = float(scores[rotors + rotor] ** 2 / information[rotors + rotor, rotors + rotor])
     if max(play, _decrease(scores, information, rotor, rotors)) > _SHOWN * fault.decrease:
         return fault
-    return fault._replace(text=f'{_force(joints)}; or {fault.text}')
-
-
-def or_force(fault: EncoderFault, joints: Sequence[str]) -> EncoderFault:
-    """Return an error with a force as another cause, because a force also strains springs."""
-    if _force(joints) in fault.text:
-        return fault
-    return fault._replace(text=f'{fault.text}; or {_force(joints)}')
-
-
-def _force(joints: Sequence[str]) -> str:
-    return (
-        'a force that was not recorded acts: a hand, or a rotor that is missing before '
-        f'{joints[0]} or after {joints[-1]}'
-    )
+    return fault.or_force(joints, likelier=True)
 
 
 def _decrease(scores: Array, information: Array, rotor: int, rotors: int) -> float:

@@ -12,9 +12,9 @@ from soliton_linkage.identification.adjustment import Adjustment, adjust
 from soliton_linkage.identification.bar_motion import BarMotion, bar_motion
 from soliton_linkage.identification.diagnosis import check_explained, length_warnings, unexplained
 from soliton_linkage.identification.encoder_errors import (
+    EncoderFault,
     bar_scores,
     encoder_fault,
-    or_force,
     shown_by_bars,
 )
 from soliton_linkage.identification.free_motion import FreeMotion
@@ -61,6 +61,9 @@ _STRAINING = (
 _RIGID = (
     'bars are assumed only because {}; springs may fit better: record a longer passage without '
     'impulses'
+)
+_POSSIBLE = (
+    'if this is not an effect of the noise, the errors of the lengths are larger than stated: {}'
 )
 _ADJUSTMENTS = 6
 """Largest number of fits of the lengths [1]; outliers are removed after each fit."""
@@ -181,12 +184,12 @@ def _by_model(
             ends = readings.joints[0], readings.joints[-1]
             named = ' and '.join(f'{time - some.times[0]:.3g} s' for time in sorted(kicks))
             result = replace(result, warnings=(_KICK.format(named, *ends), *result.warnings))
-        return result
+        return _with_possible(result, fault)
     residuals = found.residuals / readings.relative_deviations
     check_slips(readings, residuals, bar_noise)
     if not found.converged:
         raise ValueError(_NOT_CLOSED)
-    fault = clear or (fault and or_force(fault, readings.joints))
+    fault = clear or (fault and fault.or_force(readings.joints, likelier=False))
     spread = 0.0 if tolerance else found.tolerances.lengths
     check_explained('bars', found.noise / noise, (spread, 0.0), residuals, readings, fault)
     strained = found.noise > STRAINED * noise
@@ -195,7 +198,13 @@ def _by_model(
         given = _scaled(given, readings, moved.gravity)
     result = by_bonds(found, given, noise, moved, unused if moved else 0)
     warnings = (_RIGID.format(fitted), *result.warnings) if fitted else result.warnings
-    return replace(result, warnings=warnings)
+    return _with_possible(replace(result, warnings=warnings), fault)
+
+
+def _with_possible(result: Identification, fault: EncoderFault | None) -> Identification:
+    if fault is None:
+        return result
+    return replace(result, warnings=(_POSSIBLE.format(fault.text), *result.warnings))
 
 
 def _adjusted(
