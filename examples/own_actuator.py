@@ -58,9 +58,9 @@ ACTUATORS['voice_coil'] = VoiceCoil
 
 def main() -> None:
     """Run the node, which looks up the coil by its name."""
-    from soliton_linkage_nodes.edge_actuator import node
+    from soliton_linkage_nodes import start
 
-    node.main()
+    start.edge_actuator()
 
 
 if __name__ == '__main__':

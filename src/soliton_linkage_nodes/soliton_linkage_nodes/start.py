@@ -21,7 +21,8 @@ _THREADS = 'OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'
 """Environment variables that set the number of threads of linear algebra libraries."""
 
 
-def _start(program: str) -> None:
+def _start(program: str, node: str = '') -> None:
+    """Call the function `main` of a module or, if `node` is set, run the node class `node`."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     # The matrices are small. With one thread per core, an identification takes three times the
     # processor time, because threads wait for each other. Environment variables of the user have
@@ -30,7 +31,11 @@ def _start(program: str) -> None:
         os.environ.setdefault(variable, '1')
     try:
         try:
-            import_module(f'soliton_linkage_nodes.{program}').main()
+            module = import_module(f'soliton_linkage_nodes.{program}')
+            if node:
+                import_module('soliton_linkage_nodes.runtime.process').run(getattr(module, node))
+            else:
+                module.main()
         finally:
             sys.stdout.flush()
     except BrokenPipeError:
@@ -44,18 +49,18 @@ def _start(program: str) -> None:
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
 
 
-simulator = partial(_start, 'simulator.node')
-edge_actuator = partial(_start, 'edge_actuator.node')
-chain_identifier = partial(_start, 'chain_identifier.node')
-soliton_analyser = partial(_start, 'soliton_analyser.node')
-soliton_steering = partial(_start, 'soliton_steering.node')
-bag_recorder = partial(_start, 'bags.recorder')
-bag_player = partial(_start, 'bags.player')
-live_view = partial(_start, 'live_view.node')
-visualisation = partial(_start, 'visualisation.node')
-foxglove_server = partial(_start, 'foxglove_server.node')
-camera_encoders = partial(_start, 'camera_encoders.node')
-serial_encoders = partial(_start, 'serial_encoders.node')
+simulator = partial(_start, 'simulator.node', 'Simulator')
+edge_actuator = partial(_start, 'edge_actuator.node', 'EdgeActuator')
+chain_identifier = partial(_start, 'chain_identifier.node', 'ChainIdentifier')
+soliton_analyser = partial(_start, 'soliton_analyser.node', 'SolitonAnalyser')
+soliton_steering = partial(_start, 'soliton_steering.node', 'SolitonSteering')
+bag_recorder = partial(_start, 'bags.recorder', 'BagRecorder')
+bag_player = partial(_start, 'bags.player', 'BagPlayer')
+live_view = partial(_start, 'live_view.node', 'LiveView')
+visualisation = partial(_start, 'visualisation.node', 'Visualisation')
+foxglove_server = partial(_start, 'foxglove_server.node', 'FoxgloveServer')
+camera_encoders = partial(_start, 'camera_encoders.node', 'CameraEncoders')
+serial_encoders = partial(_start, 'serial_encoders.node', 'SerialEncoders')
 
 analyse_bag = partial(_start, 'programs.analyse_bag')
 calibrate_camera = partial(_start, 'programs.calibrate_camera')

@@ -16,6 +16,7 @@ from rcl_interfaces.msg import (
 from soliton_linkage_msgs.action import MoveSoliton
 from soliton_linkage_msgs.msg import EdgeCommand, Soliton, SolitonState
 from soliton_linkage_msgs.srv import Reset
+from soliton_linkage_nodes.live_view.sharing import soliton_numbers
 from soliton_linkage_nodes.messages import view_conversions as views
 
 NOTHING = [math.nan, math.inf, -math.inf, '1', None, True, [1.0]]
@@ -36,14 +37,13 @@ def test_a_state_becomes_numbers_and_its_walls_a_list():
     assert (numbers['rotor'], numbers['velocity'], numbers['walls']) == (2.5, -0.5, 2)
     assert (numbers['phase'], numbers['leg'], numbers['wake_energy']) == (1.5, 1, 0.25)
     assert numbers['winding_beyond'] == 1
-    assert views.soliton_values(message) == [2.5, 0.01, 1.0, 7.5, 0.02, -1.0]
+    assert soliton_numbers(message.solitons) == [2.5, 0.01, 1.0, 7.5, 0.02, -1.0]
 
 
 def test_without_a_wall_its_numbers_are_nan():
     numbers = views.state_numbers(SolitonState())
     assert numbers['walls'] == 0
     assert all(math.isnan(numbers[name]) for name in ('rotor', 'velocity', 'position_deviation'))
-    assert views.soliton_values(SolitonState()) == []
 
 
 def test_an_edge_command_has_all_that_was_asked_for():

@@ -32,7 +32,6 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
 from soliton_linkage_nodes.runtime.parameters import current
-from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 
 _POLL_INTERVAL = 0.1
@@ -301,8 +300,3 @@ class BagPlayer(ManagedNode):
             raise ValueError(f'rate = {rate:g} must lie in the range {low:g} to {high:g}')
         self._playback.set_rate(rate)
         return Reply(f'{rate:g} times as fast as recorded')
-
-
-def main() -> None:
-    """Run the player until the end of the bag or a signal."""
-    run(BagPlayer)

@@ -21,7 +21,6 @@ from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.guarded import GuardedNode
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
 from soliton_linkage_nodes.runtime.parameters import current
-from soliton_linkage_nodes.runtime.process import run
 
 _LAST_STAMP = 2.0**31
 """Largest time that a ROS stamp can hold [s]."""
@@ -217,8 +216,3 @@ def _create_writer(settings: BagRecorderParameters) -> BagWriter:
     begun = take_over(unfinished) if unfinished else None
     sync, limits = settings.sync_interval, (settings.max_bag_size, settings.max_bag_duration)
     return BagWriter(name, settings.compression, *limits, sync_interval=sync, begun=begun)
-
-
-def main() -> None:
-    """Run the recorder until a signal stops it."""
-    run(BagRecorder)

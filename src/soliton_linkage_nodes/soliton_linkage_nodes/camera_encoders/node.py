@@ -27,7 +27,6 @@ from soliton_linkage_nodes.messages.state_conversions import solitons_from_msg
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Increments, Report
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
-from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
 from soliton_linkage_nodes.runtime.subscriptions import StreamSubscription
 
@@ -242,8 +241,3 @@ class CameraEncoders(ManagedNode):
             values,
             bool(frame.status),
         )
-
-
-def main() -> None:
-    """Run the node until SIGINT or SIGTERM."""
-    run(CameraEncoders)

@@ -31,7 +31,6 @@ from soliton_linkage_nodes.messages.frames import EncoderMonitor, SerializedFram
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
-from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.runtime.subscriptions import StreamSubscription
 
 _POLL_PERIOD = 0.1
@@ -259,8 +258,3 @@ class ChainIdentifier(ManagedNode):
 
 def _summary(found: Identification) -> str:
     return f'a {found.chain.motion.value} of {found.chain.number_of_rotors} rotors'
-
-
-def main() -> None:
-    """Run the identifier until SIGINT or SIGTERM."""
-    run(ChainIdentifier)

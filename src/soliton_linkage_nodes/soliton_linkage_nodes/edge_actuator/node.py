@@ -37,7 +37,6 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
 from soliton_linkage_nodes.runtime.parameters import declare
-from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.runtime.subscriptions import (
     AdaptiveSubscription,
     CountedSubscription,
@@ -258,8 +257,3 @@ def declare_torque_limits(node: Node, settings: EdgeActuatorParameters) -> Mappi
             f'joints, each once: {error}'
         ) from error
     return asdict(declare(node, limits, 'torque_limits.'))
-
-
-def main() -> None:
-    """Run the actuator."""
-    run(EdgeActuator)

@@ -13,7 +13,6 @@ from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Increments, Report
 from soliton_linkage_nodes.runtime.guarded import GuardedNode
 from soliton_linkage_nodes.runtime.parameters import declare, reject_unknown
-from soliton_linkage_nodes.runtime.process import run
 
 _PERIOD = 0.02
 """Interval between two checks for requests of clients [s]."""
@@ -98,8 +97,3 @@ class FoxgloveServer(GuardedNode):
             'messages from clients': self.serving.published,
         }
         return Report(f'{wanted} of {len(outgoing.topics)} topics have clients', figures)
-
-
-def main() -> None:
-    """Run the node until SIGINT or SIGTERM."""
-    run(FoxgloveServer)

@@ -19,6 +19,7 @@ from rclpy.serialization import deserialize_message
 from soliton_linkage_msgs.msg import LastKick, SolitonState
 from soliton_linkage_nodes.live_view.chain_model import ChainModel
 from soliton_linkage_nodes.live_view.frame_layout import pack_camera
+from soliton_linkage_nodes.live_view.sharing import soliton_numbers
 from soliton_linkage_nodes.messages import view_conversions as views
 from soliton_linkage_nodes.messages.cdr import stamp_of
 from soliton_linkage_nodes.messages.conversions import JointStates, chain_from_msg
@@ -249,7 +250,7 @@ class ChainTopics:
         if paired or (self._apart and self._analysed):
             state = paired[-1] if paired else next(reversed(self._analysed))
             message = deserialize_message(self._analysed[state], SolitonState)
-            self.model.update_state(views.state_numbers(message), views.soliton_values(message))
+            self.model.update_state(views.state_numbers(message), soliton_numbers(message.solitons))
         elif not self._apart:
             self.model.clear_state()
         if self._frames:

@@ -18,7 +18,6 @@ from soliton_linkage_nodes.live_view.view import View
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Increments, Report
 from soliton_linkage_nodes.runtime.guarded import GuardedNode
 from soliton_linkage_nodes.runtime.parameters import declare, reject_unknown
-from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.runtime.subscriptions import create_inbox
 
 _IDLE_PERIOD = 0.1
@@ -147,8 +146,3 @@ class LiveView(GuardedNode):
                 'frames in transit': sum(stream.pending for stream in self.streams),
             },
         )
-
-
-def main() -> None:
-    """Run the node until SIGINT or SIGTERM."""
-    run(LiveView)

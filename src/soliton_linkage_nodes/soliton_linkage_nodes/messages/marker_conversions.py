@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import array
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from geometry_msgs.msg import Point, Pose, PoseWithCovariance, PoseWithCovarianceStamped, Vector3
@@ -17,22 +16,6 @@ from visualization_msgs.msg import Marker
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage_msgs import msg
 from soliton_linkage_nodes.messages.conversions import NamedChain
-
-
-class Wall(NamedTuple):
-    """Position of a wall (a soliton, moving or at rest) along the chain."""
-
-    position: float
-    """Distance of the wall from the first pivot along the chain [m]."""
-    position_deviation: float
-    """Standard deviation of the position [m]."""
-    rotor: float
-    """Site coordinate of the wall [rotor spacings]."""
-
-
-def walls_from_msg(message: msg.SolitonState) -> list[Wall]:
-    """Return the walls of a state, sorted by position."""
-    return [Wall(*(getattr(each, name) for name in Wall._fields)) for each in message.solitons]
 
 
 def lines_to_msg(

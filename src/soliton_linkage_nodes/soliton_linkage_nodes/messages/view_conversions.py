@@ -6,7 +6,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import chain
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -125,16 +124,6 @@ def state_numbers(message: msg.SolitonState) -> Numbers:
         'wake_energy': energies.wake,
         **{name: getattr(message.topology, name) for name in _TOPOLOGY},
     }
-
-
-def soliton_values(message: msg.SolitonState) -> list[float]:
-    """Return three numbers per soliton in one list.
-
-    The numbers are the site coordinate [rotor spacings], the standard deviation of the position
-    [m] and the charge.
-    """
-    found = ((s.rotor, s.position_deviation, float(s.charge)) for s in message.solitons)
-    return list(chain.from_iterable(found))
 
 
 def reports_from_msg(message: DiagnosticArray) -> list[NodeReport]:

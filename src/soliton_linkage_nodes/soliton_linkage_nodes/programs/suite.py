@@ -22,20 +22,17 @@ import yaml
 from rclpy.parameter import Parameter
 
 from soliton_linkage.command_line import PlainParser
+from soliton_linkage_nodes import start
 from soliton_linkage_nodes.programs.command_line import parse_own_arguments
 from soliton_linkage_nodes.runtime.command_line import parameter_names
 from soliton_linkage_nodes.runtime.managed import ManagedNode
 from soliton_linkage_nodes.runtime.process import run_together
 
-NODES = {
-    'simulator': 'simulator.node:Simulator',
-    'serial_encoders': 'serial_encoders.node:SerialEncoders',
-    'edge_actuator': 'edge_actuator.node:EdgeActuator',
-    'soliton_analyser': 'soliton_analyser.node:SolitonAnalyser',
-    'soliton_steering': 'soliton_steering.node:SolitonSteering',
-    'bag_recorder': 'bags.recorder:BagRecorder',
-}
-"""Module and class of each node. Only the modules of the nodes to run are imported."""
+NODES = (
+    *('simulator', 'serial_encoders', 'edge_actuator', 'soliton_analyser', 'soliton_steering'),
+    'bag_recorder',
+)
+"""Names of the nodes. Only the modules of the nodes to run are imported."""
 _SERIAL = 'serial_encoders'
 _PARAMETER_OPTIONS = ('-p', '--param')
 _CHAIN_SOURCE = ('-p', f'{_SERIAL}:chain_from:=parameters')
@@ -75,7 +72,7 @@ def main() -> None:
             f'{_NAMESPACE_RULE} applies to all nodes, but some names have a namespace; '
             'use only one of both'
         )
-    names.sort(key=lambda name: list(NODES).index(_kind(name)))
+    names.sort(key=lambda name: NODES.index(_kind(name)))
     classes = {name: _class_of(_kind(name)) for name in names}
     try:
         has_controller = any(_kind(name) == _SERIAL for name in names)
@@ -167,5 +164,5 @@ def _namespace_of(name: str) -> dict[str, str]:
 
 
 def _class_of(name: str) -> Any:
-    module, _, name_of_class = NODES[name].partition(':')
+    module, name_of_class = getattr(start, name).args
     return getattr(import_module(f'soliton_linkage_nodes.{module}'), name_of_class)

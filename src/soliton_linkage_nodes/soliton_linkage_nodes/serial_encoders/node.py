@@ -25,7 +25,6 @@ from soliton_linkage_nodes.messages.chain_source import CHAIN_SOURCE_PARAMETERS,
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Increments, LogThrottle, Report
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
-from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg, time_to_msg
 from soliton_linkage_nodes.runtime.subscriptions import CountedSubscription
 from soliton_linkage_nodes.serial_encoders.port import ReopenedPort, describe_ports, pyserial
@@ -305,8 +304,3 @@ class SerialEncoders(ManagedNode):
         protocol = decoder.protocol.value if decoder.protocol is not None else 'no'
         message = '; '.join(warnings) or f'receiving {protocol} frames on {port}'
         return Report(message, values, bool(warnings))
-
-
-def main() -> None:
-    """Run the node until SIGINT or SIGTERM."""
-    run(SerialEncoders)

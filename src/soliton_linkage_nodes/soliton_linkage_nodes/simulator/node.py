@@ -29,7 +29,6 @@ from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Increments, R
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
 from soliton_linkage_nodes.runtime.pacing import PacedLoop
 from soliton_linkage_nodes.runtime.parameters import make_adjustable
-from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.runtime.stamps import SECOND
 from soliton_linkage_nodes.runtime.subscriptions import CountedSubscription
 from soliton_linkage_nodes.simulator.control import SimulationControl, SimulationStatus
@@ -259,11 +258,6 @@ class Simulator(ManagedNode):
             'tilt [rad]': gravity.tilt,
         }
         return self._figures(world)
-
-
-def main() -> None:
-    """Run the simulator."""
-    run(Simulator)
 
 
 _FRAMES_OVERDUE = 3

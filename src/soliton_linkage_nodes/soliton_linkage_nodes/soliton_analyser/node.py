@@ -31,7 +31,6 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Increments, Report
 from soliton_linkage_nodes.runtime.interfaces import Topic
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
-from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.runtime.stamps import ClockMonitor, nanoseconds_of
 from soliton_linkage_nodes.runtime.subscriptions import (
     LONGEST_LAG,
@@ -253,11 +252,6 @@ class SolitonAnalyser(ManagedNode):
                 'parameters or nowhere'
             )
         return 'waiting for joint_states'
-
-
-def main() -> None:
-    """Run the analyser."""
-    run(SolitonAnalyser)
 
 
 _MISFIT_OVER_NOISE = 3.0

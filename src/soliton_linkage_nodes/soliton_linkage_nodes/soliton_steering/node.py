@@ -29,7 +29,6 @@ from soliton_linkage_nodes.messages.frames import EncoderMonitor, SerializedFram
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Report
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
-from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.runtime.stamps import SECOND, Freshness
 from soliton_linkage_nodes.runtime.subscriptions import StreamSubscription
 from soliton_linkage_nodes.soliton_steering.move_server import MoveServer
@@ -324,11 +323,6 @@ class SolitonSteering(ManagedNode):
     def _report(self) -> Report:
         self._observe_recent(_REPORT_FRAMES)
         return report(self.chain, self.freshness.stale, self.server)
-
-
-def main() -> None:
-    """Run the steering."""
-    run(SolitonSteering)
 
 
 def report(chain: SteeredChain | None, silent: bool, server: MoveServer) -> Report:

@@ -22,7 +22,6 @@ from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Increments, Report
 from soliton_linkage_nodes.runtime.guarded import GuardedNode
 from soliton_linkage_nodes.runtime.parameters import declare, reject_unknown
-from soliton_linkage_nodes.runtime.process import run
 from soliton_linkage_nodes.runtime.subscriptions import create_inbox
 from soliton_linkage_nodes.visualisation.kymograph import Kymograph
 from soliton_linkage_nodes.visualisation.observed_chain import ObservedChain
@@ -149,7 +148,7 @@ class PosePublisher(DrawingPublisher):
         """Publish the pose of the first soliton if a subscriber has not received it yet."""
         if not chain.walls or not self._wanted(chain.states):
             return
-        position, deviation, _ = chain.walls[0]
+        position, deviation = chain.walls[0].position, chain.walls[0].position_deviation
         if math.isfinite(position) and math.isfinite(deviation):
             header = Header(stamp=chain.state_stamp, frame_id=chain.frame)
             self._publish(conversions.pose_to_msg(header, position, deviation))
@@ -265,8 +264,3 @@ class Visualisation(GuardedNode):
         """Destroy this node and the second node, which has the subscriptions."""
         self._inbox.destroy_node()
         super().destroy_node()
-
-
-def main() -> None:
-    """Run the node until SIGINT or SIGTERM."""
-    run(Visualisation)

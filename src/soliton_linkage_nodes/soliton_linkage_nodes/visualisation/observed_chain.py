@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Sequence
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -15,7 +16,7 @@ from soliton_linkage_msgs import msg
 from soliton_linkage_nodes.messages import view_conversions as views
 from soliton_linkage_nodes.messages.conversions import FRAME, NamedChain
 from soliton_linkage_nodes.messages.frames import FrameReader, NewestFrame
-from soliton_linkage_nodes.messages.marker_conversions import Wall, kick_from_msg, walls_from_msg
+from soliton_linkage_nodes.messages.marker_conversions import kick_from_msg
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg, time_to_msg
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription, subscribe_newest
@@ -56,7 +57,7 @@ class ObservedChain:
         self._diagnostics = AdaptiveSubscription(inbox, interfaces.DIAGNOSTICS)
         self._reports: dict[str, tuple[float, views.NodeReport]] = {}
         self._reader: FrameReader | None = None
-        self._walls: list[Wall] = []
+        self._walls: Sequence[msg.Soliton] = ()
         self._kick: msg.LastKick | None = None
         self._taken_at = -math.inf
 
@@ -71,13 +72,13 @@ class ObservedChain:
         return time_from_msg(self.stamp) / SECOND
 
     @property
-    def walls(self) -> list[Wall]:
+    def walls(self) -> Sequence[msg.Soliton]:
         """Walls (solitons) of the latest state.
 
-        The list is empty if the stamps of state and angles differ by 1 s or more.
+        The result is empty if the stamps of state and angles differ by 1 s or more.
         """
         apart = self.seconds - time_from_msg(self.state_stamp) / SECOND
-        return self._walls if abs(apart) < _FRESH else []
+        return self._walls if abs(apart) < _FRESH else ()
 
     def set_chain(self, named: NamedChain) -> None:
         """Set the chain to which the following messages belong."""
@@ -90,7 +91,7 @@ class ObservedChain:
         """Read all new messages. Raises ValueError if the joint states are of another chain."""
         state = self._states.newest()
         if state is not None:
-            self._walls, self.state_stamp = walls_from_msg(state), state.header.stamp
+            self._walls, self.state_stamp = state.solitons, state.header.stamp
             self.numbers = views.state_numbers(state)
             self.states += 1
         for message, _ in self._diagnostics.waiting():
