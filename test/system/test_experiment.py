@@ -20,7 +20,6 @@ from soliton_linkage.linear.rigidity import Edge, edge_mode
 from soliton_linkage.solitons.track import find_crossings, follow
 from soliton_linkage_nodes.bags.reading import find_topic, open_bag, read_topic
 from soliton_linkage_nodes.bags.recovery import check_bag
-from soliton_linkage_nodes.messages.cdr import read_stamp
 from soliton_linkage_nodes.messages.conversions import joint_states_from_msg
 from soliton_linkage_nodes.messages.joint_state_analysis import JointStateAnalysis
 from soliton_linkage_nodes.messages.state_conversions import state_to_msg
@@ -29,6 +28,7 @@ from soliton_linkage_nodes.programs.experiment import experiment
 from soliton_linkage_nodes.programs.experiment.program import main
 from soliton_linkage_nodes.programs.experiment.report import RecordedRun, read_run
 from soliton_linkage_nodes.runtime.child_processes import ChildProcesses
+from soliton_linkage_nodes.runtime.stamps import stamp_of
 
 ROOT = Path(__file__).resolve().parents[2]
 CONFIGURATION = ROOT / 'config'
@@ -213,7 +213,7 @@ def assert_live_analysis_is_that_of_the_recording(bag: Path) -> None:
         if recorded and stamp not in live:
             continue
         joints = joint_states_from_msg(frame)
-        if kicks and read_stamp(kicks[0][2]) <= joints.stamp:
+        if kicks and stamp_of(kicks[0][2]) <= joints.stamp:
             analysis.add_impulses(kicks.pop()[2])
         found = analysis.analyse(joints)
         assert found is not None

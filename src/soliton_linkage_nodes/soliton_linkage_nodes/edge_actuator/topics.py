@@ -14,7 +14,7 @@ from soliton_linkage_nodes.messages.command_conversions import last_kick_to_msg
 from soliton_linkage_nodes.messages.conversions import Frame, NamedChain, frame_from_msg
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.pacing import yield_core
-from soliton_linkage_nodes.runtime.stamps import SECOND, Freshness
+from soliton_linkage_nodes.runtime.stamps import SECOND, Freshness, stamp_of
 
 
 class LatestFrames:
@@ -62,7 +62,7 @@ class LatestFrames:
     @property
     def stamp_before(self) -> int | None:
         """Stamp of the frame before the latest one [ns], or None if there is no such frame."""
-        return None if self._previous is None else self._decoder.stamp(self._previous)
+        return None if self._previous is None else stamp_of(self._previous)
 
     def period(self, stamp: int) -> float | None:
         """Return the time [s] from the frame before the latest one to `stamp` [ns].

@@ -21,12 +21,11 @@ from soliton_linkage_nodes.live_view.chain_model import ChainModel
 from soliton_linkage_nodes.live_view.frame_layout import pack_camera
 from soliton_linkage_nodes.live_view.sharing import soliton_numbers
 from soliton_linkage_nodes.messages import view_conversions as views
-from soliton_linkage_nodes.messages.cdr import stamp_of
 from soliton_linkage_nodes.messages.conversions import JointStates, chain_from_msg
 from soliton_linkage_nodes.messages.frames import NewestFrame
 from soliton_linkage_nodes.messages.picture_conversions import jpeg_from_msg
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg
+from soliton_linkage_nodes.runtime.stamps import SECOND, stamp_of, time_from_msg
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription, subscribe_newest
 
 REPORT_TIMEOUT = 3.5
@@ -250,7 +249,9 @@ class ChainTopics:
         if paired or (self._apart and self._analysed):
             state = paired[-1] if paired else next(reversed(self._analysed))
             message = deserialize_message(self._analysed[state], SolitonState)
-            self.model.update_state(views.state_numbers(message), soliton_numbers(message.solitons))
+            self.model.update_state(
+                views.state_numbers(message), soliton_numbers(message.solitons)
+            )
         elif not self._apart:
             self.model.clear_state()
         if self._frames:

@@ -27,8 +27,6 @@ from soliton_linkage_nodes.runtime.stamps import SECOND
 
 _LITTLE_ENDIAN = b'\x00\x01'
 _STAMP = struct.Struct('<4xiI')
-_SHORTEST = 12
-"""Size of the encapsulation header and a stamp [B]; shorter messages are invalid."""
 _COUNT = struct.Struct('<I')
 _ENCAPSULATION_BYTES = 4
 """Size of the encapsulation header [B]."""
@@ -70,11 +68,6 @@ class Layout:
         self._fitted = head.tobytes()
         return True
 
-    def stamp(self, serialized: bytes) -> tuple[int, int]:
-        """Return seconds and nanoseconds of the stamp of a message with this layout."""
-        seconds, nanoseconds = _STAMP.unpack_from(serialized)
-        return seconds, nanoseconds
-
     def arrays(self, serialized: bytes | bytearray, number: int) -> list[Array]:
         """Return the first `number` arrays of a message as views, which may be unaligned."""
         arrays, end = [], self._end
@@ -104,7 +97,7 @@ class JointStateDecoder:
         layout = self._layout
         try:
             if layout is not None and layout.fits(serialized):
-                stamp, arrays = layout.stamp(serialized), layout.arrays(serialized, 2)
+                stamp, arrays = _STAMP.unpack_from(serialized), layout.arrays(serialized, 2)
                 return JointStates(*stamp, layout.frame_id, layout.name, *arrays)
             message = deserialize_message(serialized, JointState)
         except Exception as error:  # a private error type of rclpy
@@ -116,25 +109,6 @@ class JointStateDecoder:
     def same_joints(self, serialized: bytes) -> bool:
         """Return whether a message has the same frame id and names as the last decoded message."""
         return self._layout is not None and self._layout.fits(serialized)
-
-    def stamp(self, serialized: bytes) -> int:
-        """Return the stamp [ns] of a message. Raises ValueError if the message is damaged."""
-        layout = self._layout
-        if layout is not None and layout.fits(serialized):
-            seconds, nanoseconds = layout.stamp(serialized)
-            return seconds * SECOND + nanoseconds
-        return self.decode(serialized).stamp
-
-
-def stamp_of(serialized: bytes) -> int:
-    """Return the stamp [ns] of a message with a header.
-
-    Raises ValueError if the message is too short or big-endian.
-    """
-    if len(serialized) < _SHORTEST or not serialized[1] & 1:
-        raise ValueError('a message is shorter than its header, or big-endian')
-    seconds, nanoseconds = _STAMP.unpack_from(serialized)
-    return int(seconds) * SECOND + int(nanoseconds)
 
 
 class _RotorDecoder:
@@ -207,9 +181,6 @@ class _MessageBuffer:
             array[...] = filling
         return self._bytes
 
-    def write(self, stamp: int, *values: Array) -> bytes:
-        return bytes(self.fill(stamp, *values))
-
 
 class JointStateBuffer(_MessageBuffer):
     """Buffer for joint states: angles [rad], rates [rad/s] and torques [N m]."""
@@ -234,17 +205,6 @@ class TorqueBuffer(_MessageBuffer):
     def __init__(self, named: NamedChain) -> None:
         message = conversions.torques_to_msg(named, np.zeros(named.rotors), Time())
         super().__init__(message, arrays=3)
-
-
-def read_stamp(serialized: bytes) -> int:
-    """Return the stamp [ns] of a valid message with a header; 0 if the message is big-endian.
-
-    For a message that may be damaged, use `stamp_of`.
-    """
-    if not serialized.startswith(_LITTLE_ENDIAN):
-        return 0
-    seconds, nanoseconds = _STAMP.unpack_from(serialized)
-    return int(seconds) * SECOND + int(nanoseconds)
 
 
 def stamped(serialized: bytes, stamp: int) -> bytes:

@@ -12,9 +12,10 @@ from soliton_linkage.estimation.analyser import Analyser
 from soliton_linkage.estimation.analysis import Analysis, FrameAnalyser, UnknownChainAnalyser
 from soliton_linkage.estimation.frames import check_deviations
 from soliton_linkage.linkage.chain import Array
-from soliton_linkage_nodes.messages.cdr import ImpulseDecoder, read_stamp
+from soliton_linkage_nodes.messages.cdr import ImpulseDecoder
 from soliton_linkage_nodes.messages.conversions import Frame, JointStates, NamedChain
 from soliton_linkage_nodes.messages.frames import FrameAssembler, FrameReader
+from soliton_linkage_nodes.runtime.stamps import stamp_of
 
 _MOST_WAITING = 1000
 """Largest number of messages with standard deviations that are stored until the frame with the
@@ -79,7 +80,7 @@ class JointStateAnalysis:
         """Add the impulses of a `delivered_impulses` message, unless the chain is unknown."""
         if isinstance(self.analyser, Analyser) and self._impulses is not None:
             impulses = self._impulses.decode(serialized)
-            self.analyser.apply_impulse(read_stamp(serialized) or None, impulses)
+            self.analyser.apply_impulse(stamp_of(serialized) or None, impulses)
 
     def add_deviations(self, deviations: JointStates) -> None:
         """Store standard deviations for the frame with the same stamp.

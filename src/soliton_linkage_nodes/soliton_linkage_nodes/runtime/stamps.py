@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import struct
 import time
 
 from builtin_interfaces.msg import Time
@@ -11,6 +12,8 @@ from rclpy.clock import Clock
 
 SECOND = 10**9
 """One second [ns]."""
+_HEADER_BYTES = 12
+"""Size of the CDR encapsulation and of the stamp at the start of a serialized message [B]."""
 
 
 def time_to_msg(nanoseconds: int) -> Time:
@@ -22,6 +25,18 @@ def time_to_msg(nanoseconds: int) -> Time:
 def time_from_msg(stamp: Time) -> int:
     """Return the time since the epoch [ns] from a message."""
     return int(stamp.sec) * SECOND + int(stamp.nanosec)
+
+
+def stamp_of(serialized: bytes) -> int:
+    """Return the stamp [ns] in the header of a serialized message; ValueError if it is too short.
+
+    The argument contains the CDR bytes of a message whose first field is a header.
+    """
+    if len(serialized) < _HEADER_BYTES:
+        raise ValueError(f'a message of {len(serialized)} bytes is shorter than its header')
+    order = '<' if serialized[1] & 1 else '>'
+    seconds, nanoseconds = struct.unpack_from(f'{order}iI', serialized, 4)
+    return int(seconds) * SECOND + int(nanoseconds)
 
 
 def nanoseconds_of(clock: Clock) -> int:

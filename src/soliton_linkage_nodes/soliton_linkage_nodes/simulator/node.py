@@ -18,7 +18,7 @@ from soliton_linkage.linkage.encoders import EncoderErrors
 from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage.linkage.quantities import described_fields, quantity
 from soliton_linkage.solitons.passage import Obstacle, find_obstacles
-from soliton_linkage_nodes.messages.cdr import ImpulseDecoder, TorqueDecoder, read_stamp
+from soliton_linkage_nodes.messages.cdr import ImpulseDecoder, TorqueDecoder
 from soliton_linkage_nodes.messages.chain_source import (
     CHAIN_PARAMETERS,
     declare_chain,
@@ -29,7 +29,7 @@ from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Increments, R
 from soliton_linkage_nodes.runtime.managed import ManagedNode, ManagedParameters
 from soliton_linkage_nodes.runtime.pacing import PacedLoop
 from soliton_linkage_nodes.runtime.parameters import make_adjustable
-from soliton_linkage_nodes.runtime.stamps import SECOND
+from soliton_linkage_nodes.runtime.stamps import SECOND, stamp_of
 from soliton_linkage_nodes.runtime.subscriptions import CountedSubscription
 from soliton_linkage_nodes.simulator.control import SimulationControl, SimulationStatus
 from soliton_linkage_nodes.simulator.frame_publisher import FramePublisher, SensedJoints
@@ -187,7 +187,7 @@ class Simulator(ManagedNode):
     def _on_impulses(self, serialized: bytes) -> None:
         self.check_active()
         impulses = self._impulses.decode(serialized)
-        self._check_stamp(read_stamp(serialized))
+        self._check_stamp(stamp_of(serialized))
         complaint = self.control.kick(impulses) if impulses.any() else None
         if complaint:
             raise ValueError(complaint)
@@ -195,7 +195,7 @@ class Simulator(ManagedNode):
     def _on_torques(self, serialized: bytes) -> None:
         self.check_active()
         torques = self._torques.decode(serialized)
-        self._check_stamp(read_stamp(serialized))
+        self._check_stamp(stamp_of(serialized))
         self.control.hold(torques)
 
     def _check_stamp(self, stamp: int) -> None:

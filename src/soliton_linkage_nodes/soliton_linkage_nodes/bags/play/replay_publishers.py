@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import struct
 import threading
 import time
 from collections import Counter, deque
@@ -22,7 +21,7 @@ from soliton_linkage_nodes.bags.stored_topic import CDR, StoredTopic
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.interfaces import wait_for_subscriber
 from soliton_linkage_nodes.runtime.serialization import serialize
-from soliton_linkage_nodes.runtime.stamps import time_to_msg
+from soliton_linkage_nodes.runtime.stamps import stamp_of, time_to_msg
 
 _ANSWER_POLL_INTERVAL = 0.05
 """Interval at which the player checks for a stop while it waits for the analyser [s]."""
@@ -49,8 +48,8 @@ class Lockstep:
         self._window = window
         self._limit = limit
         self._changed = threading.Condition()
-        self._unanswered: deque[bytes] = deque()
-        self._sent = b''
+        self._unanswered: deque[int] = deque()
+        self._sent: int | None = None
         self._subscription = node.create_subscription(
             interfaces.SOLITON_STATE.type,
             self.states,
@@ -83,7 +82,7 @@ class Lockstep:
         if topic != self.frames:
             self.settle(stopped)
             return
-        stamp = _stamp(message)
+        stamp = stamp_of(message)
         if stamp == self._sent:
             return
         self.settle(stopped, self._window - 1)
@@ -95,7 +94,7 @@ class Lockstep:
         """Forget all unanswered frames, before another playback starts."""
         with self._changed:
             self._unanswered.clear()
-            self._sent = b''
+            self._sent = None
 
     def settle(self, stopped: Callable[[], bool], most: int = 0) -> None:
         """Wait until at most `most` frames are unanswered, or until `stopped()` returns true."""
@@ -110,17 +109,12 @@ class Lockstep:
                     self._unanswered.clear()
 
     def _on_answer(self, state: bytes) -> None:
-        stamp = _stamp(state)
+        stamp = stamp_of(state)
         with self._changed:
             if stamp in self._unanswered:
                 while self._unanswered.popleft() != stamp:
                     pass
                 self._changed.notify_all()
-
-
-def _stamp(message: bytes) -> bytes:
-    order = '<' if message[1] & 1 else '>'
-    return struct.pack('<iI', *struct.unpack_from(f'{order}iI', message, 4))
 
 
 _POLL_INTERVAL = Duration(seconds=0.02)
