@@ -162,7 +162,7 @@ def test_a_browser_receives_valid_messages_and_an_answer_to_each_action(
 
 
 @PATIENT
-@given(kind=st.sampled_from(['bool', 'int', 'float', 'str']), value=st.one_of(NUMBERS, ANYTHING))
+@given(kind=st.sampled_from([bool, int, float, str]), value=st.one_of(NUMBERS, ANYTHING))
 def test_a_field_value_fits_the_parameter_or_is_rejected(kind, value):
     parameter = AdjustableParameter('p', kind, '', '', Quantity(''))
     try:

@@ -208,7 +208,6 @@ _CLOSING = (yaml.SequenceEndEvent, yaml.MappingEndEvent)
 _LONG_NUMBER = re.compile(r'[-+]?\d[\d_:.]{99,}')
 """Pattern of numbers with 100 or more characters. They are rejected, because their conversion may
 be slow."""
-_JSON_TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|[\[{]|[\]}]', re.DOTALL)
 
 
 def load_yaml(text: str) -> Any:
@@ -222,7 +221,8 @@ def load_yaml(text: str) -> Any:
         depth = 0
         for event in yaml.parse(text, _LOADER):
             depth += isinstance(event, _OPENING) - isinstance(event, _CLOSING)
-            _check_depth(depth)
+            if depth > _DEEPEST:
+                raise ValueError(f'it is nested deeper than {_DEEPEST} levels')
             if isinstance(event, yaml.AliasEvent):
                 raise ValueError('it contains an alias; aliases are not read')
             plain = isinstance(event, yaml.ScalarEvent) and not event.style
@@ -236,11 +236,10 @@ def load_yaml(text: str) -> Any:
 def load_json(text: str) -> Any:
     """Parse a JSON text. Raises ValueError if it is invalid, too long or nested too deeply."""
     _check_size(text)
-    depth = 0
-    for token in _JSON_TOKEN.finditer(text):
-        depth += {'[': 1, '{': 1, ']': -1, '}': -1}.get(token[0], 0)
-        _check_depth(depth)
-    return json.loads(text, parse_constant=_reject_constant)
+    try:
+        return json.loads(text, parse_constant=_reject_constant)
+    except RecursionError as error:
+        raise ValueError('it is nested too deeply') from error
 
 
 def parse_count(value: object) -> int:
@@ -257,11 +256,6 @@ def parse_count(value: object) -> int:
 def _check_size(text: str) -> None:
     if len(text) > MAX_TEXT_SIZE:
         raise ValueError(f'it has {len(text)} characters, more than {MAX_TEXT_SIZE}')
-
-
-def _check_depth(depth: int) -> None:
-    if depth > _DEEPEST:
-        raise ValueError(f'it is nested deeper than {_DEEPEST} levels')
 
 
 def _reject_constant(name: str) -> Any:

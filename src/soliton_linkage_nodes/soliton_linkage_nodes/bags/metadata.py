@@ -3,13 +3,11 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
-from textwrap import indent
 from typing import Any, Final
 
 import yaml
@@ -24,10 +22,10 @@ METADATA_VERSION: Final = 9
 """Version of metadata.yaml in the rosbag2 of Jazzy. Older versions have fewer fields."""
 METADATA_FILE: Final = 'metadata.yaml'
 _KEY: Final = 'rosbag2_bagfile_information'
-_TOPICS: Final = 'topics_with_message_count'
 GAPS: Final = 'gaps'
 """Key in the custom data under which the intervals without recording are listed."""
-_DUMPER: Any = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
+_WIDTH: Final = guards.MAX_TEXT_SIZE
+"""Longest line of metadata.yaml [characters], so that no text is divided into lines."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +90,10 @@ def bag_information(
         'duration': {'nanoseconds': max(file.end for file in filled) - start},
         'starting_time': {'nanoseconds_since_epoch': start},
         'message_count': sum(file.messages for file in files),
-        _TOPICS: dict(listed.values()),
+        'topics_with_message_count': [
+            {'topic_metadata': _topic_metadata(topic), 'message_count': count}
+            for topic, count in listed.values()
+        ],
         'compression_format': '',
         'compression_mode': '',
         'relative_file_paths': [file.name for file in files],
@@ -112,14 +113,15 @@ def bag_information(
 
 def as_text(information: Mapping[str, Any]) -> str:
     """Return the metadata as YAML text. Each file of a bag also contains this text."""
-    return ''.join(_pieces(information, ''))
+    return str(
+        yaml.dump(information, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=_WIDTH)
+    )
 
 
 def write_metadata(folder: Path, information: Mapping[str, Any]) -> None:
     """Write metadata.yaml in one step, so that no reader finds an incomplete file."""
-    text = ''.join([f'{_KEY}:\n', *_pieces(information, '  ')])
     unfinished = folder / f'{METADATA_FILE}.unfinished'
-    unfinished.write_text(text, encoding='utf-8')
+    unfinished.write_text(as_text({_KEY: information}), encoding='utf-8')
     unfinished.replace(folder / METADATA_FILE)
 
 
@@ -171,37 +173,18 @@ def time_in_gaps(gaps: Sequence[tuple[int, int]], start: int, end: int) -> int:
     return max(0, min(found, end - start))
 
 
-def _pieces(information: Mapping[str, Any], margin: str) -> Iterator[str]:
-    for key, value in information.items():
-        if key == _TOPICS:
-            # The topics are formatted here, because the YAML library is slow.
-            yield f'{margin}{key}:\n' if value else f'{margin}{key}: []\n'
-            for topic, count in value.items():
-                yield (
-                    f'{margin}- topic_metadata:\n'
-                    f'{margin}    name: {_quoted(topic.name)}\n'
-                    f'{margin}    type: {_quoted(topic.type_name)}\n'
-                    f'{margin}    serialization_format: {_quoted(topic.serialization)}\n'
-                    f'{margin}    offered_qos_profiles:{_profiles_text(topic.profiles, margin)}'
-                    f'{margin}    type_description_hash: {_quoted(topic.digest)}\n'
-                    f'{margin}  message_count: {count}\n'
-                )
-        else:
-            yield indent(_dumped({key: value}), margin)
+def _topic_metadata(topic: StoredTopic) -> dict[str, Any]:
+    return {
+        'name': topic.name,
+        'type': topic.type_name,
+        'serialization_format': topic.serialization,
+        'offered_qos_profiles': profiles_in(topic.profiles),
+        'type_description_hash': topic.digest,
+    }
 
 
-@lru_cache(maxsize=1024)
-def _profiles_text(profiles: str, margin: str) -> str:
-    valid = profiles_in(profiles)
-    return '\n' + indent(_dumped(valid), f'{margin}    ') if valid else ' []\n'
+class _Dumper(getattr(yaml, 'CSafeDumper', yaml.SafeDumper)):  # type: ignore[misc]
+    """Dumper that writes equal parts in full instead of aliases, as rosbag2 does."""
 
-
-def _quoted(text: str) -> str:
-    if text.isascii() and text.isprintable():
-        return json.dumps(text)
-    width = guards.MAX_TEXT_SIZE
-    return str(yaml.dump(text, Dumper=_DUMPER, default_style='"', width=width)).strip()
-
-
-def _dumped(value: object) -> str:
-    return str(yaml.dump(value, Dumper=_DUMPER, sort_keys=False, allow_unicode=True))
+    def ignore_aliases(self, data: object) -> bool:
+        return True

@@ -97,8 +97,10 @@ class JointStateDecoder:
         layout = self._layout
         try:
             if layout is not None and layout.fits(serialized):
-                stamp, arrays = _STAMP.unpack_from(serialized), layout.arrays(serialized, 2)
-                return JointStates(*stamp, layout.frame_id, layout.name, *arrays)
+                seconds, nanoseconds = _STAMP.unpack_from(serialized)
+                position, velocity = layout.arrays(serialized, 2)
+                names = layout.frame_id, layout.name
+                return JointStates(seconds, nanoseconds, *names, position, velocity)
             message = deserialize_message(serialized, JointState)
         except Exception as error:  # a private error type of rclpy
             raise _damaged('joint_states', serialized, 'sensor_msgs/JointState', error) from error

@@ -10,7 +10,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import ParameterDescriptor, ParameterType, ParameterValue
-from rclpy.parameter import Parameter
+from rclpy.parameter import Parameter, parameter_value_to_python
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
@@ -55,13 +55,12 @@ _CODES = {
 KICK_UNITS = {'kick': 'rad/s', 'pulse': 'N m', 'pressure': 'Pa', 'waveform': 'N m'}
 """Unit of the field `value` for each kind of edge command. For a waveform with the quantity
 'angle', the unit is rad instead."""
-_TYPES: Mapping[int, tuple[type[bool | int | float | str], str]] = {
-    ParameterType.PARAMETER_BOOL: (bool, 'bool_value'),
-    ParameterType.PARAMETER_INTEGER: (int, 'integer_value'),
-    ParameterType.PARAMETER_DOUBLE: (float, 'double_value'),
-    ParameterType.PARAMETER_STRING: (str, 'string_value'),
+_KINDS: Mapping[int, type[bool | int | float | str]] = {
+    ParameterType.PARAMETER_BOOL: bool,
+    ParameterType.PARAMETER_INTEGER: int,
+    ParameterType.PARAMETER_DOUBLE: float,
+    ParameterType.PARAMETER_STRING: str,
 }
-"""Python type and field name in a ParameterValue message, for each type of ROS parameter."""
 _SOLITON = (
     *('rotor', 'position', 'position_deviation', 'velocity', 'velocity_deviation', 'width'),
 )
@@ -95,8 +94,7 @@ class AdjustableParameter:
     """Parameter that can be changed while its node is running."""
 
     name: str
-    kind: str
-    """Name of the Python type: bool, int, float or str."""
+    kind: type[bool | int | float | str]
     value: bool | int | float | str
     description: str
     range: Quantity
@@ -246,7 +244,7 @@ def move_goal(rotor: float, speed: float) -> MoveSoliton.Goal:
 def is_adjustable(descriptor: ParameterDescriptor) -> bool:
     """Return whether a parameter can change at run time and has a supported type."""
     own = descriptor.name != 'use_sim_time' and not descriptor.name.startswith('qos_overrides.')
-    return bool(own and not descriptor.read_only and descriptor.type in _TYPES)
+    return bool(own and not descriptor.read_only and descriptor.type in _KINDS)
 
 
 def adjustable_parameters(
@@ -255,10 +253,13 @@ def adjustable_parameters(
     """Return the adjustable parameters. Descriptors and values must have the same order."""
     return [
         AdjustableParameter(
-            each.name, kind.__name__, getattr(value, field), each.description, limits(each)
+            each.name,
+            _KINDS[each.type],
+            parameter_value_to_python(value),
+            each.description,
+            limits(each),
         )
         for each, value in zip(descriptors, values, strict=False)
-        for kind, field in [_TYPES[each.type]]
     ]
 
 
@@ -267,11 +268,8 @@ def parameter_value(parameter: AdjustableParameter, value: Any) -> ParameterValu
 
     Raises ValueError if the value has the wrong type or is out of range.
     """
-    code, kind, field = next(
-        (code, kind, field)
-        for code, (kind, field) in _TYPES.items()
-        if kind.__name__ == parameter.kind
-    )
+    kind = parameter.kind
+    type_ = Parameter.Type.from_parameter_value(kind())
     try:
         converted = kind(value)
         # A message carries only integers of 64 bits.
@@ -280,11 +278,10 @@ def parameter_value(parameter: AdjustableParameter, value: Any) -> ParameterValu
         )
     except (TypeError, ValueError, OverflowError):
         fits = False
-    type_ = Parameter.Type(code)
     complaint = parameter.range.complaint(converted) if fits else type_complaint(type_, None)
     if complaint:
         raise ValueError(f'parameter {parameter.name} = {value!r} {complaint}; set another value')
-    return ParameterValue(type=code, **{field: converted})
+    return Parameter(parameter.name, type_, converted).get_parameter_value()
 
 
 def _level(status: DiagnosticStatus) -> int:

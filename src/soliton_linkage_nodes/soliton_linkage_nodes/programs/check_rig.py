@@ -147,9 +147,7 @@ class CheckRig(Node):
         shared = len(groups) >= len(publishers) and sum(map(len, groups)) == len(joints)
         if len(publishers) < 2 or shared:
             return []
-        nodes = sorted(
-            f'{each.node_namespace.rstrip("/")}/{each.node_name}' for each in publishers
-        )
+        nodes = sorted(map(interfaces.node_of, publishers))
         text = (
             f'{len(nodes)} nodes publish the same joints: {" and ".join(nodes)}; their frames '
             'mix, so that the other findings are not valid; stop all but one'

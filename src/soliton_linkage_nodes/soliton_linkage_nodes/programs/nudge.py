@@ -25,6 +25,7 @@ from soliton_linkage_nodes.messages.view_conversions import (
 )
 from soliton_linkage_nodes.programs import command_line
 from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.interfaces import node_of
 from soliton_linkage_nodes.runtime.process import WaitingNode
 
 _SPEED = Quantity('speed of the kick along the zero mode, positive away from the edge', 'rad/s')
@@ -89,7 +90,7 @@ class NudgeClient(WaitingNode):
         """Return the names of the nodes that subscribe to `nudge` and publish `last_kick`."""
         subscribed = self.get_subscriptions_info_by_topic(self._nudges.topic_name)
         publishing = self.get_publishers_info_by_topic(self._answers.topic_name)
-        return _names(subscribed) & _names(publishing)
+        return set(map(node_of, subscribed)) & set(map(node_of, publishing))
 
     def _ready(self, subscribers: int) -> bool:
         reports = [self._reports[name] for name in self._actuators() & self._reports.keys()]
@@ -102,7 +103,7 @@ class NudgeClient(WaitingNode):
     def _check_subscribers(self, subscribers: int, timeout: float) -> None:
         topic, after = self._nudges.topic_name, f'after {timeout:g} s'
         if not self._actuators():
-            others = sorted(_names(self.get_subscriptions_info_by_topic(topic)))
+            others = sorted(map(node_of, self.get_subscriptions_info_by_topic(topic)))
             who = f'only {", ".join(others)} subscribes to' if others else 'no node subscribes to'
             raise ValueError(f'{who} {topic} {after}; start edge_actuator first')
         count = self._nudges.get_subscription_count()
@@ -156,10 +157,6 @@ def main() -> None:
         kick = node.nudge(options.speed, options.subscribers, options.timeout)
         if kick is not None:
             print(f'nudge: {describe_kick(kick)}')
-
-
-def _names(endpoints: list[Any]) -> set[str]:
-    return {f'{each.node_namespace.rstrip("/")}/{each.node_name}' for each in endpoints}
 
 
 def _rejections(report: NodeReport) -> int:

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
-import os
 import re
 import shutil
 import sys
@@ -39,12 +38,7 @@ proposes the first of these parameters that the node has."""
 def check_arguments(node: NodeClass, arguments: Sequence[str]) -> None:
     """Print the help of a node and exit if requested; exit if an argument is unknown."""
     if {'-h', '--help'} & set(arguments):
-        try:
-            print(help_text(node), flush=True)
-        except BrokenPipeError:
-            # A pager has closed the pipe. Without this redirection, Python reports an error when
-            # it exits.
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        print(help_text(node), flush=True)
         sys.exit(0)
     try:
         unknown = remove_ros_args(list(arguments))

@@ -15,6 +15,7 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, JointState
 from std_msgs.msg import Float64, Float64MultiArray, String
@@ -131,6 +132,11 @@ SUITE_TOPICS = (
 """Topics that the nodes exchange. A recorder stores these topics by default."""
 DISPLAY_TOPICS = (ROBOT_DESCRIPTION, MARKERS, SOLITON_POSE, KYMOGRAPH)
 """Topics for viewers. Nodes compute their contents from the messages of `SUITE_TOPICS`."""
+
+
+def node_of(endpoint: TopicEndpointInfo) -> str:
+    """Return the full name of the node to which a publisher or subscription belongs."""
+    return f'{endpoint.node_namespace.rstrip("/")}/{endpoint.node_name}'
 
 
 def wait_for_acknowledgements(publisher: Publisher) -> None:

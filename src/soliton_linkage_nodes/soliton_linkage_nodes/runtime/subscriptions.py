@@ -17,7 +17,7 @@ from rclpy.subscription import Subscription
 
 from soliton_linkage_nodes.runtime.diagnostics import Diagnostics, Increments
 from soliton_linkage_nodes.runtime.guarded import GuardedNode
-from soliton_linkage_nodes.runtime.interfaces import Topic
+from soliton_linkage_nodes.runtime.interfaces import Topic, node_of
 from soliton_linkage_nodes.runtime.sequences import Counts, Lag, SequenceGaps, StreamArbitration
 
 LONGEST_LAG = 0.5
@@ -323,8 +323,7 @@ class StreamSubscription:
                 f'subscribed to {self._full_name} as {qos.reliability.name.lower()} and '
                 f'{qos.durability.name.lower()}, because a publisher offers no more'
             )
-        offered = self._adaptive.publishers
-        names = sorted(f'{info.node_namespace.rstrip("/")}/{info.node_name}' for info in offered)
+        names = sorted(map(node_of, self._adaptive.publishers))
         before, self._publishers = self._publishers, names
         received = len(names) == self._adaptive.connected
         self._unsettled = not (received and self._adaptive.as_requested) or any(

@@ -14,12 +14,11 @@ from rclpy.exceptions import NameValidationException
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from soliton_linkage_nodes.bags.reading import class_of, decoder, is_older
 from soliton_linkage_nodes.bags.stored_topic import CDR, StoredTopic
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.interfaces import wait_for_subscriber
+from soliton_linkage_nodes.runtime.interfaces import node_of, wait_for_subscriber
 from soliton_linkage_nodes.runtime.serialization import serialize
 from soliton_linkage_nodes.runtime.stamps import stamp_of, time_to_msg
 
@@ -338,8 +337,10 @@ class RecordedStates:
 
     def _find_analyser(self) -> str:
         node = self._node
-        subscribers = {_name(each) for each in node.get_subscriptions_info_by_topic(self._frames)}
-        publishers = {_name(each) for each in node.get_publishers_info_by_topic(self._states)}
+        subscribers = {
+            node_of(each) for each in node.get_subscriptions_info_by_topic(self._frames)
+        }
+        publishers = {node_of(each) for each in node.get_publishers_info_by_topic(self._states)}
         return min(subscribers & publishers - {node.get_fully_qualified_name()}, default='')
 
     def _log(self) -> None:
@@ -356,7 +357,3 @@ class RecordedStates:
                 f'{self._analyser} publishes {self._states}: the recorded topic is omitted; '
                 f'add {name} to the parameter topics to play both'
             )
-
-
-def _name(endpoint: TopicEndpointInfo) -> str:
-    return f'{endpoint.node_namespace.rstrip("/")}/{endpoint.node_name}'

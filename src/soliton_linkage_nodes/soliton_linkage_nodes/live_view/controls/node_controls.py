@@ -153,12 +153,12 @@ class ParameterControls:
 
         entry: Any
         name = parameter.name
-        if parameter.kind == 'bool':
+        if parameter.kind is bool:
             entry = ui.switch(name, value=bool(parameter.value), on_change=change)
         elif parameter.range.choices:
             choices = list(parameter.range.choices)
             entry = ui.select(choices, value=parameter.value, label=name, on_change=change)
-        elif parameter.kind in ('int', 'float'):
+        elif parameter.kind in (int, float):
             entry = ui.number(name, value=float(parameter.value), format='%g')
             entry.on('change', change)
         else:
