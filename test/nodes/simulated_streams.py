@@ -6,12 +6,16 @@ from typing import Any
 
 import numpy as np
 from graphs import Graph
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
+from std_srvs.srv import SetBool
 
 from soliton_linkage.dynamics.elastic import ElasticSimulation
 from soliton_linkage.linear.rigidity import Edge, edge_mode
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage_msgs.msg import RotorImpulses
+from soliton_linkage_msgs.srv import Reset, Step
 from soliton_linkage_nodes.messages.conversions import chain_from_msg
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_from_msg
@@ -81,6 +85,21 @@ class Stream:
         assert since == round(number * 10**9 / self.rate)
         return number
 
+    def pause(self, paused: bool = True) -> Any:
+        return self.graph.call(SetBool, 'simulator/pause', data=paused)
+
+    def reset(self, **request: Any) -> Any:
+        return self.graph.call(Reset, 'simulator/reset', **request)
+
+    def step(self, periods: int) -> Any:
+        return self.graph.call(Step, 'simulator/step', periods=periods)
+
+    def settled(self) -> int:
+        """Return the number of frames once everything that was published has come."""
+        last = self.node.control.status.frames
+        self.graph.until(lambda: self.number(self.frames[-1]) == last - 1, 'the last frame')
+        return len(self.frames)
+
     def explain(self, commands: Sequence[Act], lean: int = -1) -> list[int]:
         """Assert that the frames equal a simulation with these commands in this order.
 
@@ -119,3 +138,27 @@ class Stream:
                     return number
             twin.advance()
         return None
+
+
+class Paused(Stream):
+    """A simulator that is stepped on request."""
+
+    def __init__(self, graph: Graph, parameters: dict[str, Any] | None = None) -> None:
+        super().__init__(graph, parameters)
+        assert self.pause().success
+
+    def change(self, **changes: Any) -> Any:
+        parameters = [
+            Parameter(name.replace('__', '.'), value=value).to_parameter_msg()
+            for name, value in changes.items()
+        ]
+        service = 'simulator/set_parameters'
+        return self.graph.call(SetParameters, service, parameters=parameters).results[0]
+
+    def taken(self, periods: int) -> list[JointState]:
+        """Return the frames of so many steps."""
+        published = self.node.control.status.frames
+        assert self.step(periods).success
+        assert self.node.control.status.frames == published + periods
+        self.settled()
+        return self.frames[-periods:]

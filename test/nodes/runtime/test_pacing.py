@@ -106,24 +106,6 @@ def test_an_overloaded_loop_runs_at_full_speed_and_reports_its_lag(clock):
     assert loop.punctuality.lag == pytest.approx(99 * 0.099, abs=0.1)
 
 
-def test_a_failure_ends_the_loop_and_is_kept():
-    failure = RuntimeError('the chain broke')
-    calls = []
-    broken = threading.Event()
-
-    def act() -> None:
-        calls.append(1)
-        broken.set()
-        raise failure
-
-    loop = PacedLoop(1000.0, act)
-    loop.start()
-    assert broken.wait(120)
-    loop.stop()
-    assert loop.failure is failure
-    assert calls == [1]
-
-
 def test_stop_completes_the_current_call_and_makes_no_other():
     entered, release, calls = threading.Event(), threading.Event(), []
 

@@ -5,6 +5,8 @@ import dataclasses
 import math
 import re
 from dataclasses import dataclass, fields
+from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -16,100 +18,20 @@ from rcl_interfaces.msg import ParameterType, ParameterValue, SetParametersResul
 from rcl_interfaces.srv import DescribeParameters, ListParameters, SetParameters
 from rclpy.parameter import Parameter
 
-from soliton_linkage.actuation.actuators import PneumaticActuator
-from soliton_linkage.linkage.chain import Chain
-from soliton_linkage.linkage.deviations import Deviations, Disorder
-from soliton_linkage.linkage.encoders import EncoderErrors, KnownEncoders
-from soliton_linkage.linkage.feedback import Feedback
-from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage.linkage.quantities import quantity
-from soliton_linkage.linkage.urdf import JointLimits
-from soliton_linkage.microcontroller.rotary_encoders import RotaryEncoders
-from soliton_linkage.vision.layout import MarkerSettings
-from soliton_linkage_nodes.bags.guards import BagLimits
-from soliton_linkage_nodes.bags.player import BagPlayerParameters
-from soliton_linkage_nodes.bags.recorder import BagRecorder, BagRecorderParameters
-from soliton_linkage_nodes.camera_encoders.node import CameraEncodersParameters
-from soliton_linkage_nodes.chain_identifier.node import ChainIdentifierParameters
-from soliton_linkage_nodes.edge_actuator.commands import EdgeActuatorParameters
+from soliton_linkage_nodes import start
+from soliton_linkage_nodes.bags.recorder import BagRecorder
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
-from soliton_linkage_nodes.foxglove_server.node import FoxgloveServerParameters
-from soliton_linkage_nodes.live_view.node import LiveViewParameters
-from soliton_linkage_nodes.messages.camera_measurement import CameraParameters
-from soliton_linkage_nodes.messages.chain_source import (
-    ChainSourceParameters,
-    OptionalChainSourceParameters,
-)
+from soliton_linkage_nodes.messages.chain_source import CHAIN_PARAMETERS
 from soliton_linkage_nodes.programs.experiment.filmed_experiment import FilmedExperimentParameters
 from soliton_linkage_nodes.programs.experiment.observer import ExperimentParameters
 from soliton_linkage_nodes.runtime.guarded import GuardedNode
-from soliton_linkage_nodes.runtime.managed import ManagedParameters
 from soliton_linkage_nodes.runtime.parameters import current, declare, reject_unknown
-from soliton_linkage_nodes.serial_encoders.node import SerialEncodersParameters
-from soliton_linkage_nodes.serial_encoders.valves import ValveParameters
-from soliton_linkage_nodes.simulator.node import Simulator, SimulatorParameters
-from soliton_linkage_nodes.soliton_analyser.node import AnalyserParameters
-from soliton_linkage_nodes.soliton_steering.node import SolitonSteeringParameters
-from soliton_linkage_nodes.visualisation.node import VisualisationParameters
+from soliton_linkage_nodes.simulator.node import Simulator
 
 CONFIG = Path(__file__).parents[3] / 'config'
-OF_NODE = {
-    '/**': {
-        'chain.': Chain,
-        'chain.feedback.': Feedback,
-        'chain.deviations.': Deviations,
-        'chain.disorder.': Disorder,
-        'chain.encoders.': KnownEncoders,
-    },
-    'simulator': {
-        '': SimulatorParameters,
-        'managed': ManagedParameters,
-        'gravity.': Gravity,
-        'sensors.': EncoderErrors,
-    },
-    'edge_actuator': {
-        '': EdgeActuatorParameters,
-        'managed': ManagedParameters,
-        'pneumatics': PneumaticActuator,
-        'source': ChainSourceParameters,
-    },
-    'soliton_steering': {
-        '': SolitonSteeringParameters,
-        'managed': ManagedParameters,
-        'source': ChainSourceParameters,
-    },
-    'soliton_analyser': {
-        '': AnalyserParameters,
-        'managed': ManagedParameters,
-        'source': OptionalChainSourceParameters,
-    },
-    'chain_identifier': {'': ChainIdentifierParameters, 'managed': ManagedParameters},
-    'bag_recorder': {'': BagRecorderParameters, 'managed': ManagedParameters},
-    'bag_player': {'': BagPlayerParameters, 'limits': BagLimits, 'managed': ManagedParameters},
-    'live_view': {'': LiveViewParameters},
-    'visualisation': {
-        '': VisualisationParameters,
-        'limits.': JointLimits,
-        'source': ChainSourceParameters,
-    },
-    'foxglove_server': {'': FoxgloveServerParameters},
-    'camera_encoders': {
-        '': CameraEncodersParameters,
-        'sight': CameraParameters,
-        'markers.': MarkerSettings,
-        'managed': ManagedParameters,
-        'source': ChainSourceParameters,
-    },
-    'serial_encoders': {
-        '': SerialEncodersParameters,
-        'encoders.': RotaryEncoders,
-        'valves.': ValveParameters,
-        'managed': ManagedParameters,
-        'source': ChainSourceParameters,
-    },
-    'experiment': {'': ExperimentParameters},
-    'filmed_experiment': {'': FilmedExperimentParameters},
-}
+PROGRAMS = {'experiment': ExperimentParameters, 'filmed_experiment': FilmedExperimentParameters}
+"""Programs with a section of their own in a parameter file."""
 
 
 @dataclass(frozen=True)
@@ -151,15 +73,25 @@ def section(node: str) -> str:
     return node if node == '/**' else f'/**/{node}'
 
 
+def groups(node: str) -> dict[type, str]:
+    """Return the dataclasses of a node, or of the chain for all nodes, with their prefixes."""
+    if node == '/**':
+        return CHAIN_PARAMETERS
+    if node in PROGRAMS:
+        return {PROGRAMS[node]: ''}
+    module, name = getattr(start, node).args
+    declared = getattr(import_module(f'soliton_linkage_nodes.{module}'), name).PARAMETERS
+    return {kind: prefix for kind, prefix in declared.items() if kind not in CHAIN_PARAMETERS}
+
+
 def of_node(node: str) -> dict[str, Any]:
     """Return the fields that a node declares, by the name of their parameter."""
-    declared = {}
-    for prefix, dataclass_type in OF_NODE[node].items():
-        for field in fields(dataclass_type):
-            if 'quantity' not in field.metadata:
-                continue
-            declared[(prefix if prefix.endswith('.') else '') + field.name] = field
-    return declared
+    return {
+        prefix + field.name: field
+        for kind, prefix in groups(node).items()
+        for field in fields(kind)
+        if 'quantity' in field.metadata
+    }
 
 
 def test_given_values_replace_the_defaults(graph):
@@ -293,8 +225,11 @@ def test_nodes_describe_each_parameter_with_unit_range_and_whether_it_can_change
 
 
 def test_the_configuration_shows_every_parameter_with_its_default():
-    for node in OF_NODE:
-        shown = yaml.safe_load((CONFIG / 'linkage.yaml').read_text())[section(node)]
+    sections = yaml.safe_load((CONFIG / 'linkage.yaml').read_text())
+    starts = {name: value for name, value in vars(start).items() if isinstance(value, partial)}
+    nodes = [name for name, value in starts.items() if len(value.args) > 1]
+    for node in ('/**', *nodes, *PROGRAMS):
+        shown = sections[section(node)]
         defaults = {name: field.default for name, field in of_node(node).items()}
         assert shown['ros__parameters'] == {
             name: list(value) if isinstance(value, tuple) else value

@@ -163,10 +163,6 @@ def test_every_missing_number_of_a_publisher_after_the_first_is_lost(numbers):
     assert lost(sorted(numbers)) == missing
 
 
-def test_messages_before_the_first_one_received_do_not_count():
-    assert lost([1000, 1001]) == 0
-
-
 @given(st.lists(st.integers(0, 2), max_size=100), st.tuples(*[st.integers(1, 50)] * 3))
 def test_several_continuous_publishers_lose_nothing(turns, first):
     latest = list(first)

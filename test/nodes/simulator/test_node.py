@@ -68,43 +68,6 @@ def test_torques_act_for_the_command_timeout_without_another_message(graph):
     assert ended - began == round(0.1 * RATE)
 
 
-def test_a_wrong_command_is_rejected_whole_and_the_next_valid_one_acts(graph):
-    stream = Stream(graph)
-    reports = graph.reports('simulator')
-    impulses, torques = map(graph.speak, (interfaces.ROTOR_IMPULSES, interfaces.ROTOR_TORQUES))
-    names = ['rotor_0', 'rotor_1']
-    for number, (publisher, wrong, complaint) in enumerate(
-        (
-            (
-                impulses,
-                RotorImpulses(name=['rotor_0', 'rotor_8'], impulse=[1e-3, 1e-3]),
-                "'rotor_8', which is none of 'rotor_0' to 'rotor_7'",
-            ),
-            (
-                impulses,
-                RotorImpulses(name=names, impulse=[1e-3, -0.2]),
-                'rotor_1 = -0.2 must lie in the range -0.1 to 0.1',
-            ),
-            (
-                torques,
-                JointState(name=names, effort=[1e-3, 10.5]),
-                'rotor_1 = 10.5 must lie in the range -10 to 10',
-            ),
-        ),
-        start=1,
-    ):
-        publisher.publish(wrong)
-        graph.until(
-            lambda n=number: reports and values(reports[-1])['rejected'] == str(n), 'the refusal'
-        )
-        assert complaint in values(reports[-1])['last rejection']
-        assert complaint in reports[-1].message
-        assert reports[-1].level == reports[-1].WARN
-    stream.kick()
-    stream.grow(60)
-    stream.explain([kick])
-
-
 def test_a_command_of_nothing_changes_nothing(graph):
     stream = Stream(graph)
     impulses = graph.speak(interfaces.ROTOR_IMPULSES)

@@ -3,17 +3,13 @@
 
 import dataclasses
 import math
-from typing import Any
 
 import numpy as np
 import pytest
-from graphs import Graph, values
-from rcl_interfaces.srv import SetParameters
-from rclpy.parameter import Parameter
+from graphs import values
 from sensor_msgs.msg import JointState
-from simulated_streams import CHAIN, ROTORS, Stream
+from simulated_streams import CHAIN, RATE, ROTORS, Paused
 from std_msgs.msg import Float64
-from std_srvs.srv import SetBool
 
 from soliton_linkage.dynamics.elastic import ElasticSimulation
 from soliton_linkage.dynamics.initial_states import State, leaning, with_soliton
@@ -24,38 +20,8 @@ from soliton_linkage.linkage.encoders import EncoderErrors, Encoders
 from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage.solitons.passage import find_obstacles
 from soliton_linkage_msgs.msg import RotorImpulses
-from soliton_linkage_msgs.srv import Reset, Step
+from soliton_linkage_msgs.srv import Reset
 from soliton_linkage_nodes.runtime import interfaces
-
-RATE = 250.0
-
-
-class Paused(Stream):
-    """A simulator that is stepped on request."""
-
-    def __init__(self, graph: Graph, parameters: dict[str, Any] | None = None) -> None:
-        super().__init__(graph, {'publish_rate': RATE, **(parameters or {})})
-        assert graph.call(SetBool, 'simulator/pause', data=True).success
-
-    def reset(self, **request: Any) -> Any:
-        return self.graph.call(Reset, 'simulator/reset', **request)
-
-    def change(self, **changes: Any) -> Any:
-        parameters = [
-            Parameter(name.replace('__', '.'), value=value).to_parameter_msg()
-            for name, value in changes.items()
-        ]
-        service = 'simulator/set_parameters'
-        return self.graph.call(SetParameters, service, parameters=parameters).results[0]
-
-    def taken(self, periods: int) -> list[JointState]:
-        """Return the frames of so many steps."""
-        published = self.node.control.status.frames
-        assert self.graph.call(Step, 'simulator/step', periods=periods).success
-        last = self.node.control.status.frames
-        assert last == published + periods
-        self.graph.until(lambda: self.number(self.frames[-1]) >= last - 1, 'the last frame')
-        return self.frames[-periods:]
 
 
 def assert_shown(frames: list[JointState], simulation: Simulation) -> None:
@@ -249,17 +215,17 @@ def test_the_real_time_factor_sets_the_rate_of_the_loop_and_is_reported(graph):
     paused = Paused(graph, {'real_time_factor': 0.0, 'publish_clock': True})
     loop, control = paused.node.loop, paused.node.control
     assert loop.rate == math.inf
-    graph.call(SetBool, 'simulator/pause', data=False)
+    paused.pause(False)
     before = control.status.frames
     graph.until(lambda: control.status.frames > before + 500, '500 frames')
     assert float(values(graph.next_report('simulator'))['real-time factor']) > 0
-    graph.call(SetBool, 'simulator/pause', data=True)
+    paused.pause()
     stopped = control.status.frames
     assert paused.change(real_time_factor=0.5).successful
     assert loop.rate == 0.5 * paused.node.settings.publish_rate
     graph.next_report('simulator')
     assert control.status.frames == stopped
-    graph.call(SetBool, 'simulator/pause', data=False)
+    paused.pause(False)
     graph.until(lambda: control.status.frames > stopped + 60, '60 frames')
     stamps = [clock.clock.sec * 10**9 + clock.clock.nanosec for clock in clocks]
     assert stamps == sorted(set(stamps))
@@ -287,6 +253,12 @@ def test_only_the_valid_commands_of_a_flood_are_executed(graph):
         graph.until(lambda n=expected: control.status.pending == n, f'{expected} commands')
     refusals = paused.node.diagnostics
     graph.until(lambda: refusals.rejected == 4 * right, 'the refusals')
+    reports = graph.reports('simulator')
+    torques.publish(JointState(name=['rotor_1'], effort=[10.5]))
+    graph.until(lambda: any(report.level == report.WARN for report in reports), 'the refusal')
+    complaint = 'rotor_1 = 10.5 must lie in the range -10 to 10'
+    assert complaint in values(reports[-1])['last rejection']
+    assert any(complaint in report.message for report in reports)
     frames = paused.taken(60)
     twin = ElasticSimulation(CHAIN, CHAIN.uniform_state(-1), None, 1 / RATE)
     assert list(frames[0].position) == twin.angles.tolist()
@@ -299,7 +271,7 @@ def test_only_the_valid_commands_of_a_flood_are_executed(graph):
 
 def test_a_pace_of_next_to_nothing_stands_still_and_can_be_left(graph):
     paused = Paused(graph)
-    graph.call(SetBool, 'simulator/pause', data=False)
+    paused.pause(False)
     assert paused.change(real_time_factor=5e-324).successful
     graph.next_report('simulator')
     graph.next_report('simulator')

@@ -1,87 +1,55 @@
 # SPDX-License-Identifier: Apache-2.0
 """A simulation is paused, stepped and reset by services, at the instants of frames."""
 
-from typing import Any
-
 import numpy as np
-from graphs import Graph
 from simulated_streams import CHAIN, RATE, Stream, kick, kick_message, torque_message
-from std_srvs.srv import SetBool
 
 from soliton_linkage.dynamics.elastic import ElasticSimulation
 from soliton_linkage_msgs.msg import RotorImpulses
-from soliton_linkage_msgs.srv import Reset, Step
+from soliton_linkage_msgs.srv import Reset
 from soliton_linkage_nodes.runtime import interfaces
 
 
-def pause(graph: Graph, paused: bool) -> Any:
-    return graph.call(SetBool, 'simulator/pause', data=paused)
-
-
-def step(graph: Graph, periods: int) -> Any:
-    return graph.call(Step, 'simulator/step', periods=periods)
-
-
-def reset(graph: Graph, state: int = Reset.Request.INITIAL) -> Any:
-    return graph.call(Reset, 'simulator/reset', state=state)
-
-
-def settled(stream: Stream) -> int:
-    """Return the number of frames once everything that was published has come."""
-    last = stream.node.control.status.frames
-    stream.graph.until(lambda: stream.number(stream.frames[-1]) == last - 1, 'the last frame')
-    return len(stream.frames)
-
-
-def test_a_pause_stops_time_at_once_and_can_be_repeated(graph):
+def test_a_pause_stops_time_at_once_and_steps_are_answered_when_done(graph):
     stream = Stream(graph)
-    stream.kick()
-    stream.grow(60)
     for _ in range(2):
-        response = pause(graph, True)
+        response = stream.pause()
         assert (response.success, response.message) == (True, 'paused')
-    paused_at = settled(stream)
+    before = stream.settled()
     report = graph.next_report('simulator')
     assert (report.message, report.level) == ('paused', report.OK)
-    assert len(stream.frames) == paused_at
-    for _ in range(2):
-        response = pause(graph, False)
-        assert (response.success, response.message) == (True, 'running')
-    stream.grow(60)
-    stream.explain([kick])
-
-
-def test_steps_are_taken_while_paused_and_answered_when_done(graph):
-    stream = Stream(graph)
-    pause(graph, True)
-    before = settled(stream)
+    assert len(stream.frames) == before
     impulses = graph.speak(interfaces.ROTOR_IMPULSES)
     impulses.publish(kick_message())
     graph.until(lambda: stream.node.control.status.pending, 'the kick')
-    response = step(graph, 25)
+    response = stream.step(25)
     assert response.success
     reached = stream.number(stream.frames[before - 1]) + 1 + 25
     assert response.message == f'reached t = {reached / RATE:g} s'
-    assert settled(stream) == before + 25
+    assert stream.settled() == before + 25
+    for _ in range(2):
+        response = stream.pause(False)
+        assert (response.success, response.message) == (True, 'running')
+    stream.grow(10)
     (kicked,) = stream.explain([kick])
     assert kicked == stream.number(stream.frames[before])
 
 
 def test_a_step_while_running_or_of_a_wrong_length_is_rejected(graph):
     stream = Stream(graph)
-    response = step(graph, 5)
+    response = stream.step(5)
     assert (response.success, response.message) == (
         False,
         'the simulation is running; pause it before stepping',
     )
-    pause(graph, True)
-    before = settled(stream)
+    stream.pause()
+    before = stream.settled()
     for periods in (0, 1001, 2**32 - 1):
-        response = step(graph, periods)
+        response = stream.step(periods)
         assert not response.success
         assert f'periods = {periods} must lie in the range 1 to 1000' in response.message
-    assert step(graph, 1).success
-    assert settled(stream) == before + 1
+    assert stream.step(1).success
+    assert stream.settled() == before + 1
     stream.explain([])
 
 
@@ -91,7 +59,7 @@ def test_a_reset_forgets_commands_but_not_the_time(graph):
     torques = graph.speak(interfaces.ROTOR_TORQUES)
     torques.publish(torque_message())
     graph.until(lambda: any(stream.frames[-1].velocity), 'the motion')
-    pause(graph, True)
+    stream.pause()
     impulses.publish(kick_message())
     graph.until(lambda: stream.node.control.status.pending, 'the kick')
     for state, message in (
@@ -99,11 +67,11 @@ def test_a_reset_forgets_commands_but_not_the_time(graph):
         (Reset.Request.LEFT_LEANING, 'at rest, left-leaning'),
         (Reset.Request.RIGHT_LEANING, 'at rest, right-leaning'),
     ):
-        response = reset(graph, state)
+        response = stream.reset(state=state)
         assert (response.success, response.message) == (True, message)
-    before = settled(stream)
-    assert step(graph, 200).success
-    settled(stream)
+    before = stream.settled()
+    assert stream.step(200).success
+    stream.settled()
     numbers = [stream.number(frame) for frame in stream.frames]
     assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
     twin = ElasticSimulation(CHAIN, CHAIN.uniform_state(1), period=1 / RATE)
@@ -116,23 +84,23 @@ def test_a_reset_forgets_commands_but_not_the_time(graph):
 def test_a_motion_too_fast_to_compute_pauses_until_a_reset(graph):
     stream = Stream(graph, {'impulse_limit': 1e6})
     impulses = graph.speak(interfaces.ROTOR_IMPULSES)
-    pause(graph, True)
+    stream.pause()
     impulses.publish(RotorImpulses(name=['rotor_3'], impulse=[1e6]))
     graph.until(lambda: stream.node.control.status.pending, 'the kick')
-    response = step(graph, 10)
+    response = stream.step(10)
     assert not response.success
     assert 'call ~/reset to continue' in response.message
     graph.until(lambda: stream.node.control.status.failure, 'the failure')
-    frames = settled(stream)
+    frames = stream.settled()
     report = graph.next_report('simulator')
     assert report.level == report.WARN
     assert report.message.startswith('paused, ')
-    for response in (pause(graph, False), step(graph, 1)):
+    for response in (stream.pause(False), stream.step(1)):
         assert not response.success
         assert 'call ~/reset to continue' in response.message
     assert len(stream.frames) == frames
-    assert reset(graph).success
-    pause(graph, False)
+    assert stream.reset().success
+    stream.pause(False)
     stream.grow(30)
     numbers = [stream.number(frame) for frame in stream.frames]
     assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
