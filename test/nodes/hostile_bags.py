@@ -2,13 +2,15 @@
 """Malicious bags of any size; most have an intact part."""
 
 import os
+import re
 import sqlite3
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 from zlib import crc32
 
+import yaml
 from backports import zstd
 from recordings import START, data_file, run_of, write_bag
 
@@ -17,6 +19,8 @@ from soliton_linkage_nodes.bags.storages.mcap_records import Channel, Opcode, Sc
 from soliton_linkage_nodes.messages.conversions import NamedChain
 
 MEBIBYTE = 2**20
+Case = Callable[[Path, int], None]
+"""Makes a small whole bag hostile, by about a size [B]."""
 _LAUGHS = 'a: &a [x, x, x, x, x, x, x, x, x]\n' + ''.join(
     f'{b}: &{b} [{", ".join(["*" + a] * 9)}]\n'
     for a, b in zip('abcdefgh', 'bcdefghi', strict=True)
@@ -25,7 +29,9 @@ _LAUGHS = 'a: &a [x, x, x, x, x, x, x, x, x]\n' + ''.join(
 
 def write_hostile(case: str, name: Path, named: NamedChain, size: int) -> Path:
     """Write a case of a bag whose hostile file has about a size [B], and return its path."""
-    return CASES[case](name, named, size)
+    bag = base(name, named, 'sqlite3' if case in SQLITE_CASES else 'mcap')
+    CASES[case](bag, size)
+    return bag
 
 
 def base(name: Path, named: NamedChain, storage: str = 'mcap') -> Path:
@@ -47,7 +53,7 @@ def chunk(packed: bytes, uncompressed: int, codec: str = 'zstd', crc: int = 0) -
     return mcap.record(Opcode.CHUNK, head, struct.pack('<Q', len(packed)), packed)
 
 
-def put_before_the_index(bag: Path, records: bytes) -> Path:
+def put_before_the_index(bag: Path, records: bytes) -> None:
     """Put records behind the last chunk of an MCAP file, whose index is made to know them."""
     data = data_file(bag)
     content = data.read_bytes()
@@ -81,166 +87,136 @@ def put_before_the_index(bag: Path, records: bytes) -> Path:
     body = content[:end] + records + mcap.record(Opcode.DATA_END, bytes(4))
     fields = struct.pack('<QQI', len(body), 0, 0)
     data.write_bytes(body + summary + mcap.record(Opcode.FOOTER, fields) + mcap.MAGIC)
-    return bag
 
 
-def packed_file(name: Path, named: NamedChain, size: int) -> Path:
-    bag = base(name, named)
+def tell(bag: Path, **changes: object) -> None:
+    """Change what metadata.yaml tells of the bag."""
+    path = bag / 'metadata.yaml'
+    told = yaml.safe_load(path.read_text())
+    told['rosbag2_bagfile_information'].update(changes)
+    path.write_text(yaml.safe_dump(told, sort_keys=False))
+
+
+def add_metadata(text: Callable[[int], str], before: str = '') -> Case:
+    """Put text behind the metadata, or around them."""
+
+    def write(bag: Path, size: int) -> None:
+        path = bag / 'metadata.yaml'
+        path.write_text(f'{before}{path.read_text()}  x: {text(size)}\n')
+
+    return write
+
+
+def packed_file(bag: Path, size: int) -> None:
     data = data_file(bag)
-    (bag / f'{data.name}.zstd').write_bytes(
-        zstd.compress(data.read_bytes()[:-37]) + bomb(size * 1000)
-    )
+    packed = data.with_name(f'{data.name}.zstd')
+    packed.write_bytes(zstd.compress(data.read_bytes()[:-37]) + bomb(size * 1000))
     data.unlink()
-    return tell(
+    tell(
         bag,
-        lambda text: (
-            text.replace(data.name, f'{data.name}.zstd')
-            .replace("compression_format: ''", 'compression_format: zstd')
-            .replace("compression_mode: ''", 'compression_mode: FILE')
-        ),
+        compression_format='zstd',
+        compression_mode='FILE',
+        relative_file_paths=[packed.name],
+        files=[{'path': packed.name, 'message_count': 42}],
     )
 
 
-def honest_chunk(name: Path, named: NamedChain, size: int) -> Path:
-    return put_before_the_index(base(name, named), chunk(bomb(200 * size), 200 * size))
+def honest_chunk(bag: Path, size: int) -> None:
+    put_before_the_index(bag, chunk(bomb(200 * size), 200 * size))
 
 
-def lying_chunk(name: Path, named: NamedChain, size: int) -> Path:
-    return put_before_the_index(base(name, named), chunk(bomb(200 * size), 1000))
+def lying_chunk(bag: Path, size: int) -> None:
+    put_before_the_index(bag, chunk(bomb(200 * size), 1000))
 
 
-def many_chunks(name: Path, named: NamedChain, size: int) -> Path:
+def many_chunks(bag: Path, size: int) -> None:
     one = chunk(bomb(32 * MEBIBYTE), 32 * MEBIBYTE)
-    return put_before_the_index(base(name, named), one * (size // len(one)))
+    put_before_the_index(bag, one * (size // len(one)))
 
 
-def packed_message(name: Path, named: NamedChain, size: int) -> Path:
-    bag = base(name, named)
+def packed_message(bag: Path, size: int) -> None:
     data = bomb(200 * size)
     message = mcap.message_head(2, START, len(data)) + data
     put_before_the_index(bag, chunk(message, len(message), '', crc32(message)))
-    return tell(
-        bag,
-        lambda text: text.replace("compression_format: ''", 'compression_format: zstd').replace(
-            "compression_mode: ''", 'compression_mode: MESSAGE'
-        ),
-    )
+    tell(bag, compression_format='zstd', compression_mode='MESSAGE')
 
 
-def tell(bag: Path, change: Callable[[str], str]) -> Path:
-    path = bag / 'metadata.yaml'
-    path.write_text(change(path.read_text()))
-    return bag
+def replaced(where: str, put: Callable[[Path, bytes], None]) -> Case:
+    """Put something else in the place of the data or of the metadata."""
 
-
-def pipe(where: str) -> Callable[..., Path]:
-    def write(name: Path, named: NamedChain, _size: int) -> Path:
-        bag = base(name, named)
+    def write(bag: Path, _size: int) -> None:
         path = data_file(bag) if where == 'data' else bag / 'metadata.yaml'
+        content = path.read_bytes()
         path.unlink()
-        os.mkfifo(path)
-        return bag
+        put(path, content)
 
     return write
 
 
-def link(where: str, target: str) -> Callable[..., Path]:
-    def write(name: Path, named: NamedChain, _size: int) -> Path:
-        bag = base(name, named)
-        path = data_file(bag) if where == 'data' else bag / 'metadata.yaml'
-        held = path.read_bytes()
-        path.unlink()
-        if target == 'a file elsewhere':
-            elsewhere = bag.with_name(f'{bag.name}_elsewhere')
-            elsewhere.write_bytes(held)
-            path.symlink_to(elsewhere)
-        else:
-            path.symlink_to(target)
-        return bag
-
-    return write
+def pipe(path: Path, _content: bytes) -> None:
+    os.mkfifo(path)
 
 
-def extra_file(name: Path, named: NamedChain, _size: int) -> Path:
-    """A whole bag with a pipe beside, which looks like one of its files."""
-    bag = base(name, named)
+def link_to_a_device(path: Path, _content: bytes) -> None:
+    path.symlink_to('/dev/zero')
+
+
+def link_out_of_the_bag(path: Path, content: bytes) -> None:
+    elsewhere = path.parent.with_name(f'{path.parent.name}_elsewhere')
+    elsewhere.write_bytes(content)
+    path.symlink_to(elsewhere)
+
+
+def extra_file(bag: Path, _size: int) -> None:
+    """Put a pipe beside, which looks like a file of the bag."""
     os.mkfifo(bag / 'zzz_9.mcap')
-    return bag
 
 
-def laughs_in_metadata(name: Path, named: NamedChain, _size: int) -> Path:
-    return tell(base(name, named), lambda text: _LAUGHS + text + '  laughs: *i\n')
+def infinite_counts(bag: Path, _size: int) -> None:
+    path = bag / 'metadata.yaml'
+    counted = re.sub('message_count: 4[02]', 'message_count: .inf', path.read_text())
+    path.write_text(counted)
 
 
-def large_metadata(name: Path, named: NamedChain, size: int) -> Path:
-    return tell(base(name, named), lambda text: text + '  x: [' + 'x, ' * (size // 6) + 'x]\n')
-
-
-def deep_metadata(name: Path, named: NamedChain, _size: int) -> Path:
-    return tell(base(name, named), lambda text: text + '  x: ' + '[' * 100_000 + ']' * 100_000)
-
-
-def long_number(name: Path, named: NamedChain, _size: int) -> Path:
-    return tell(base(name, named), lambda text: text + '  x: ' + '1:' * 1_000_000 + '1\n')
-
-
-def counts(value: str) -> Callable[..., Path]:
-    def write(name: Path, named: NamedChain, _size: int) -> Path:
-        def change(text: str) -> str:
-            return text.replace('message_count: 42', f'message_count: {value}').replace(
-                'message_count: 40', f'message_count: {value}'
-            )
-
-        return tell(base(name, named), change)
-
-    return write
-
-
-def notes(key: str, value: str) -> Callable[..., Path]:
+def notes(key: str, value: str) -> Case:
     """Texts inside an MCAP file."""
 
-    def write(name: Path, named: NamedChain, _size: int) -> Path:
-        records = mcap.metadata_record(mcap.CUSTOM_DATA, {key: value})
-        bag = put_before_the_index(base(name, named), records)
-        return tell(bag, lambda text: text.replace('custom_data: null', 'custom_data:\n    a: b'))
+    def write(bag: Path, _size: int) -> None:
+        put_before_the_index(bag, mcap.metadata_record(mcap.CUSTOM_DATA, {key: value}))
+        tell(bag, custom_data={'a': 'b'})
 
     return write
 
 
-def laughing_notes(name: Path, named: NamedChain, _size: int) -> Path:
+def laughing_notes(bag: Path, _size: int) -> None:
     text = _LAUGHS + 'custom_data:\n  chain: *i\n'
-    records = mcap.metadata_record('rosbag2', {'serialized_metadata': text})
-    return put_before_the_index(base(name, named), records)
+    put_before_the_index(bag, mcap.metadata_record('rosbag2', {'serialized_metadata': text}))
 
 
-def profiles(text: str) -> Callable[..., Path]:
-    def write(name: Path, named: NamedChain, _size: int) -> Path:
-        about = {'offered_qos_profiles': text}
-        bag = base(name, named)
-        content = data_file(bag).read_bytes()
+def profiles(text: str) -> Case:
+    def write(bag: Path, _size: int) -> None:
         schemas: dict[int, Schema] = {}
-        for _, opcode, body in mcap.records_in(content[8:]):
+        for _, opcode, body in mcap.records_in(data_file(bag).read_bytes()[8:]):
             mcap.define(opcode, body, schemas, {})
         number = next(n for n, each in schemas.items() if each.name.endswith('JointState'))
-        records = mcap.channel_record(Channel(9, number, '/other/states', 'cdr', about))
-        return put_before_the_index(bag, records)
+        about = {'offered_qos_profiles': text}
+        channel = Channel(9, number, '/other/states', 'cdr', about)
+        put_before_the_index(bag, mcap.channel_record(channel))
 
     return write
 
 
-def database(change: Callable[[sqlite3.Connection, int], None]) -> Callable[..., Path]:
-    """A sqlite3 bag after a change of its file."""
+def database(change: Callable[[sqlite3.Connection, int], None]) -> Case:
+    """Change the file of a sqlite3 bag."""
 
-    def write(name: Path, named: NamedChain, size: int) -> Path:
-        bag = base(name, named, 'sqlite3')
+    def write(bag: Path, size: int) -> None:
         with closing(sqlite3.connect(data_file(bag), isolation_level=None)) as held:
             change(held, size)
-        return bag
 
     return write
 
 
-def view(query: str) -> Callable[..., Path]:
+def view(query: str) -> Case:
     def change(held: sqlite3.Connection, _size: int) -> None:
         held.execute('ALTER TABLE messages RENAME TO kept')
         held.execute(f'CREATE VIEW messages(id, topic_id, timestamp, data) AS {query}')
@@ -295,72 +271,56 @@ def many_topics(held: sqlite3.Connection, size: int) -> None:
     held.execute('COMMIT')
 
 
-def page_size(value: bytes) -> Callable[..., Path]:
-    def write(name: Path, named: NamedChain, _size: int) -> Path:
-        bag = base(name, named, 'sqlite3')
+def page_size(value: bytes) -> Case:
+    def write(bag: Path, _size: int) -> None:
         data = data_file(bag)
         content = bytearray(data.read_bytes())
         content[16:18] = value
         data.write_bytes(content)
-        return bag
 
     return write
 
 
-def channels(same: bool) -> Callable[..., Path]:
+def channels(same: bool) -> Case:
     """Many channels with definitions of their own, or one channel repeated many times."""
 
-    def write(name: Path, named: NamedChain, size: int) -> Path:
-        def records() -> Iterator[bytes]:
-            for n in range(size // 200):
-                number = 7 if same else 10 + n % 65_000
-                yield mcap.schema_record(
-                    Schema(number, f'strange_msgs/msg/T{number}', 'ros2msg', b'int8 x\n' * 4)
-                )
-                yield mcap.channel_record(Channel(number, number, f'/t{number}', 'cdr', {}))
-                yield mcap.message_head(number, START, 4) + b'\x00\x01\x00\x00'
-
-        content = b''.join(records())
-        return put_before_the_index(
-            base(name, named), chunk(content, len(content), '', crc32(content))
-        )
+    def write(bag: Path, size: int) -> None:
+        content = b''
+        for n in range(size // 200):
+            number = 7 if same else 10 + n % 65_000
+            content += mcap.schema_record(
+                Schema(number, f'strange_msgs/msg/T{number}', 'ros2msg', b'int8 x\n' * 4)
+            )
+            content += mcap.channel_record(Channel(number, number, f'/t{number}', 'cdr', {}))
+            content += mcap.message_head(number, START, 4) + b'\x00\x01\x00\x00'
+        put_before_the_index(bag, chunk(content, len(content), '', crc32(content)))
 
     return write
 
 
-def repeated_definitions(name: Path, named: NamedChain, size: int) -> Path:
+def repeated_definitions(bag: Path, size: int) -> None:
     text = b'float64 x\n' * 1000
     one = mcap.schema_record(Schema(77, 'strange_msgs/msg/T', 'ros2msg', text))
     one += mcap.channel_record(Channel(77, 77, '/t', 'cdr', {}))
-    return put_before_the_index(base(name, named), one * (size // len(one)))
+    put_before_the_index(bag, one * (size // len(one)))
 
 
-def zeros(storage: str) -> Callable[..., Path]:
-    def write(name: Path, named: NamedChain, size: int) -> Path:
-        bag = base(name, named, storage)
-        with data_file(bag).open('ab') as file:
-            file.write(bytes(size))
-        return bag
-
-    return write
+def zeros_at_the_end(bag: Path, size: int) -> None:
+    with data_file(bag).open('ab') as file:
+        file.write(bytes(size))
 
 
-def nothing_but_zeros(storage: str) -> Callable[..., Path]:
-    def write(name: Path, named: NamedChain, size: int) -> Path:
-        bag = base(name, named, storage)
-        data_file(bag).write_bytes(bytes(size))
-        return bag
-
-    return write
+def nothing_but_zeros(bag: Path, size: int) -> None:
+    data_file(bag).write_bytes(bytes(size))
 
 
-def zeros_in_the_middle(name: Path, named: NamedChain, size: int) -> Path:
-    return put_before_the_index(base(name, named), bytes(size))
+def zeros_in_the_middle(bag: Path, size: int) -> None:
+    put_before_the_index(bag, bytes(size))
 
 
-def heads_in_noise(name: Path, named: NamedChain, size: int) -> Path:
-    """Return bytes that look like the header of a long record at every offset."""
-    return put_before_the_index(base(name, named), b'\x07' + b'\x01\x00\x00\x00' * (size // 4))
+def heads_in_noise(bag: Path, size: int) -> None:
+    """Put bytes that look like the header of a long record at every offset."""
+    put_before_the_index(bag, b'\x07' + b'\x01\x00\x00\x00' * (size // 4))
 
 
 _ENDLESS = (
@@ -372,32 +332,41 @@ _SPINNING = (
     "SELECT i, 2, 17, x'00' FROM n WHERE i < 0"
 )
 _MANY_LOST = '{"/joint_states": Infinity, "/nudge": -1e400, "/chain": -5}'
-CASES: dict[str, Callable[..., Path]] = {
+MCAP_CASES: dict[str, Case] = {
     'zstd bomb: file': packed_file,
     'zstd bomb: honest chunk': honest_chunk,
     'zstd bomb: lying chunk': lying_chunk,
     'zstd bomb: many chunks': many_chunks,
     'zstd bomb: message': packed_message,
-    'pipe as data': pipe('data'),
-    'pipe as metadata': pipe('metadata'),
+    'pipe as data': replaced('data', pipe),
+    'pipe as metadata': replaced('metadata', pipe),
     'pipe beside': extra_file,
-    'link to a device as data': link('data', '/dev/zero'),
-    'link to a device as metadata': link('metadata', '/dev/zero'),
-    'link out of the bag as data': link('data', 'a file elsewhere'),
-    'link out of the bag as metadata': link('metadata', 'a file elsewhere'),
-    'laughs in metadata': laughs_in_metadata,
+    'link to a device as data': replaced('data', link_to_a_device),
+    'link to a device as metadata': replaced('metadata', link_to_a_device),
+    'link out of the bag as data': replaced('data', link_out_of_the_bag),
+    'link out of the bag as metadata': replaced('metadata', link_out_of_the_bag),
+    'laughs in metadata': add_metadata(lambda _: '*i', _LAUGHS),
     'laughs in notes': laughing_notes,
-    'large metadata': large_metadata,
-    'deep metadata': deep_metadata,
-    'long number in metadata': long_number,
+    'large metadata': add_metadata(lambda size: '[' + 'x, ' * (size // 6) + 'x]'),
+    'deep metadata': add_metadata(lambda _: '[' * 100_000 + ']' * 100_000),
+    'long number in metadata': add_metadata(lambda _: '1:' * 1_000_000 + '1'),
     'deep json in notes': notes('lost_messages', '[' * 100_000),
     'infinite counts in notes': notes('lost_messages', _MANY_LOST),
     'strange counts in notes': notes('lost_messages', '{"a": [1], "b": "x", "c": null}'),
     'strange loss in notes': notes('lost_in_damage', 'many'),
-    'infinite counts': counts('.inf'),
+    'infinite counts': infinite_counts,
     'profiles of python': profiles('!!python/object/apply:os.system ["true"]'),
     'profiles of laughs': profiles(_LAUGHS),
     'profiles of another form': profiles('[1, {history: [2]}, x]'),
+    'many channels': channels(same=False),
+    'one channel many times': channels(same=True),
+    'repeated definitions': repeated_definitions,
+    'zeros at the end: mcap': zeros_at_the_end,
+    'zeros in the middle': zeros_in_the_middle,
+    'nothing but zeros: mcap': nothing_but_zeros,
+    'heads of records in noise': heads_in_noise,
+}
+SQLITE_CASES: dict[str, Case] = {
     'view without end': view(_ENDLESS),
     'view that spins': view(_SPINNING),
     'generated gigabytes': database(generated),
@@ -407,13 +376,7 @@ CASES: dict[str, Callable[..., Path]] = {
     'many topics': database(many_topics),
     'page size of 65536': page_size(b'\x00\x01'),
     'page size of 4095': page_size(b'\x0f\xff'),
-    'many channels': channels(same=False),
-    'one channel many times': channels(same=True),
-    'repeated definitions': repeated_definitions,
-    'zeros at the end: mcap': zeros('mcap'),
-    'zeros at the end: sqlite3': zeros('sqlite3'),
-    'zeros in the middle': zeros_in_the_middle,
-    'nothing but zeros: mcap': nothing_but_zeros('mcap'),
-    'nothing but zeros: sqlite3': nothing_but_zeros('sqlite3'),
-    'heads of records in noise': heads_in_noise,
+    'zeros at the end: sqlite3': zeros_at_the_end,
+    'nothing but zeros: sqlite3': nothing_but_zeros,
 }
+CASES = MCAP_CASES | SQLITE_CASES

@@ -11,7 +11,7 @@ from types import FrameType
 from typing import Any
 
 import pytest
-from hostile_bags import CASES, MEBIBYTE, base, write_hostile
+from hostile_bags import CASES, MEBIBYTE, SQLITE_CASES, base, write_hostile
 from recordings import data_file
 
 from soliton_linkage_nodes.bags.guards import BagLimits
@@ -39,12 +39,6 @@ NAMED_LIMITS = {
     'zstd bomb: file': 'max_unpacked_file = 8388608',
     'zstd bomb: honest chunk': 'max_unpacked = 2097152',
     'zstd bomb: message': 'max_unpacked = 2097152',
-}
-SQLITE = {
-    case
-    for case in CASES
-    if case.startswith(('view', 'generated', 'zeroblobs', 'values', 'many topics', 'page size'))
-    or case.endswith('sqlite3')
 }
 Held = set[tuple[str, int, int]]
 
@@ -90,7 +84,7 @@ def attempt(act: Callable[[], object]) -> str:
 
 @pytest.mark.parametrize('case', CASES)
 def test_intact_messages_are_recovered_in_bounded_memory_and_time(case, named, tmp_path):
-    storage = 'sqlite3' if case in SQLITE else 'mcap'
+    storage = 'sqlite3' if case in SQLITE_CASES else 'mcap'
     sent = contents(base(tmp_path / 'sent', named, storage))
     bag = write_hostile(case, tmp_path / 'hostile', named, SIZE)
     with bounded():
