@@ -10,9 +10,8 @@ from contextlib import closing
 from pathlib import Path
 from zlib import crc32
 
-import yaml
 from backports import zstd
-from recordings import START, data_file, run_of, write_bag
+from recordings import START, change_metadata, data_file, run_of, write_bag
 
 from soliton_linkage_nodes.bags.storages import mcap_records as mcap
 from soliton_linkage_nodes.bags.storages.mcap_records import Channel, Opcode, Schema
@@ -89,14 +88,6 @@ def put_before_the_index(bag: Path, records: bytes) -> None:
     data.write_bytes(body + summary + mcap.record(Opcode.FOOTER, fields) + mcap.MAGIC)
 
 
-def tell(bag: Path, **changes: object) -> None:
-    """Change what metadata.yaml tells of the bag."""
-    path = bag / 'metadata.yaml'
-    told = yaml.safe_load(path.read_text())
-    told['rosbag2_bagfile_information'].update(changes)
-    path.write_text(yaml.safe_dump(told, sort_keys=False))
-
-
 def add_metadata(text: Callable[[int], str], before: str = '') -> Case:
     """Put text behind the metadata, or around them."""
 
@@ -112,7 +103,7 @@ def packed_file(bag: Path, size: int) -> None:
     packed = data.with_name(f'{data.name}.zstd')
     packed.write_bytes(zstd.compress(data.read_bytes()[:-37]) + bomb(size * 1000))
     data.unlink()
-    tell(
+    change_metadata(
         bag,
         compression_format='zstd',
         compression_mode='FILE',
@@ -138,7 +129,7 @@ def packed_message(bag: Path, size: int) -> None:
     data = bomb(200 * size)
     message = mcap.message_head(2, START, len(data)) + data
     put_before_the_index(bag, chunk(message, len(message), '', crc32(message)))
-    tell(bag, compression_format='zstd', compression_mode='MESSAGE')
+    change_metadata(bag, compression_format='zstd', compression_mode='MESSAGE')
 
 
 def replaced(where: str, put: Callable[[Path, bytes], None]) -> Case:
@@ -183,7 +174,7 @@ def notes(key: str, value: str) -> Case:
 
     def write(bag: Path, _size: int) -> None:
         put_before_the_index(bag, mcap.metadata_record(mcap.CUSTOM_DATA, {key: value}))
-        tell(bag, custom_data={'a': 'b'})
+        change_metadata(bag, custom_data={'a': 'b'})
 
     return write
 

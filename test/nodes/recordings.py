@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 from rclpy.publisher import Publisher
 from rclpy.serialization import serialize_message
 from rosbags.rosbag2 import StoragePlugin, Writer
@@ -99,6 +100,14 @@ def as_sqlite3(bag: Path) -> None:
         for each, stamp, data in reader.messages(reader.topics):
             writer.write(written[each], stamp, data)
     shutil.rmtree(whole)
+
+
+def change_metadata(bag: Path, **changes: object) -> None:
+    """Change what metadata.yaml tells of a bag."""
+    path = bag / 'metadata.yaml'
+    told = yaml.safe_load(path.read_text())
+    told['rosbag2_bagfile_information'].update(changes)
+    path.write_text(yaml.safe_dump(told, sort_keys=False))
 
 
 def data_file(bag: Path) -> Path:

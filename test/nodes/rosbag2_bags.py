@@ -34,7 +34,10 @@ _PROFILE = {
     'avoid_ros_namespace_conventions': False,
 }
 _OLD_PROFILE = {**_PROFILE, 'history': 3, 'reliability': 1, 'durability': 2, 'liveliness': 1}
-Message = tuple[int, bytes]
+Definition = tuple[str, str, str]
+"""Name, definition and hash of a type."""
+Message = tuple[str, int, bytes]
+"""Topic, time [ns] and content."""
 
 
 @dataclass(frozen=True)
@@ -48,12 +51,16 @@ class Layout:
     chunk_compression: CompressionType = CompressionType.NONE
     chunk_size: int = 786432
     chunked: bool = True
+    checksums: bool = True
+    first: int = 0
+    """Number of the first file."""
 
 
 LAYOUTS = {
     'mcap': Layout('mcap'),
     'mcap in zstd chunks': Layout('mcap', chunk_compression=CompressionType.ZSTD, chunk_size=4096),
     'mcap in lz4 chunks': Layout('mcap', chunk_compression=CompressionType.LZ4, chunk_size=4096),
+    'mcap without checksums': Layout('mcap', checksums=False),
     'mcap without chunks': Layout('mcap', chunked=False),
     'mcap in files of zstd': Layout('mcap', compression_mode='FILE', files=2),
     'mcap of messages in zstd': Layout('mcap', compression_mode='MESSAGE'),
@@ -71,49 +78,65 @@ def write_rosbag2_bag(
     folder: Path, layout: Layout, frames: Sequence[tuple[int, JointState]]
 ) -> Path:
     """Write joint states alone and return the path of the bag."""
+    messages = [(JOINT_STATES, stamp, serialize_message(frame)) for stamp, frame in frames]
+    share = -(-len(messages) // layout.files)
+    parts = [messages[begin : begin + share] for begin in range(0, len(messages), share)]
+    return write_files(folder, layout, parts, _TYPE)
+
+
+def write_files(
+    folder: Path, layout: Layout, parts: Sequence[Sequence[Message]], type_name: str
+) -> Path:
+    """Write a bag of one file for each part, whose topics all have one type."""
     folder.mkdir()
-    messages = [(stamp, serialize_message(frame)) for stamp, frame in frames]
-    packed = messages
-    if layout.compression_mode == 'MESSAGE':
-        packed = [(stamp, zstd.compress(data)) for stamp, data in messages]
-    share = -(-len(packed) // layout.files)
-    parts = [packed[begin : begin + share] for begin in range(0, len(packed), share)]
+    schema = _definition(type_name)
     names = []
-    for number, part in enumerate(parts):
-        suffix = '.mcap' if layout.storage == 'mcap' else '.db3'
-        path = folder / f'{folder.name}_{number}{suffix}'
-        (_write_mcap if layout.storage == 'mcap' else _write_sqlite)(path, layout, part)
+    for number, part in enumerate(parts, layout.first):
+        path = folder / f'{folder.name}_{number}{".mcap" if layout.storage == "mcap" else ".db3"}'
+        packed = part
+        if layout.compression_mode == 'MESSAGE':
+            packed = [(topic, stamp, zstd.compress(data)) for topic, stamp, data in part]
+        (_write_mcap if layout.storage == 'mcap' else _write_sqlite)(path, layout, packed, schema)
         if layout.compression_mode == 'FILE':
             packed_path = path.with_name(f'{path.name}.zstd')
             packed_path.write_bytes(zstd.compress(path.read_bytes()))
             path.unlink()
             path = packed_path
         names.append(path.name)
-    (folder / 'metadata.yaml').write_text(yaml.safe_dump(_metadata(layout, names, parts)))
+    (folder / 'metadata.yaml').write_text(yaml.safe_dump(_metadata(layout, names, parts, schema)))
     return folder
 
 
-def _write_mcap(path: Path, layout: Layout, messages: Sequence[Message]) -> None:
-    definition, digest = _definition()
+def _write_mcap(
+    path: Path, layout: Layout, messages: Sequence[Message], schema: Definition
+) -> None:
+    name, definition, digest = schema
     with path.open('wb') as file:
         writer = Writer(
             file,
             chunk_size=layout.chunk_size,
             compression=layout.chunk_compression,
             use_chunking=layout.chunked,
+            enable_crcs=layout.checksums,
         )
         writer.start(profile='ros2', library='libmcap 1.1.0')
-        schema = writer.register_schema(_TYPE, 'ros2msg', definition.encode())
+        number = writer.register_schema(name, 'ros2msg', definition.encode())
         profiles = yaml.safe_dump(_profiles(layout))
         about = {'offered_qos_profiles': profiles, 'topic_type_hash': digest}
-        channel = writer.register_channel(JOINT_STATES, 'cdr', schema, about)
-        for stamp, data in messages:
-            writer.add_message(channel, stamp, data, stamp)
+        channels = {
+            topic: writer.register_channel(topic, 'cdr', number, about)
+            for topic in _topics(messages)
+        }
+        for topic, stamp, data in messages:
+            writer.add_message(channels[topic], stamp, data, stamp)
         writer.finish()
 
 
-def _write_sqlite(path: Path, layout: Layout, messages: Sequence[Message]) -> None:
-    definition, digest = _definition()
+def _write_sqlite(
+    path: Path, layout: Layout, messages: Sequence[Message], schema: Definition
+) -> None:
+    name, definition, digest = schema
+    numbers = {topic: number for number, topic in enumerate(_topics(messages), 1)}
     profiles = yaml.safe_dump(_profiles(layout))
     with sqlite3.connect(path) as database:
         columns, values = '', ''
@@ -127,16 +150,16 @@ def _write_sqlite(path: Path, layout: Layout, messages: Sequence[Message]) -> No
             )
             database.execute(
                 'INSERT INTO message_definitions VALUES (1, ?, ?, ?, ?)',
-                (_TYPE, 'ros2msg', definition, digest),
+                (name, 'ros2msg', definition, digest),
             )
             columns, values = ', type_description_hash TEXT NOT NULL', f", '{digest}'"
         database.execute(
             'CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT NOT NULL, type TEXT NOT NULL, '
             f'serialization_format TEXT NOT NULL, offered_qos_profiles TEXT NOT NULL{columns})'
         )
-        database.execute(
-            f"INSERT INTO topics VALUES (1, ?, ?, 'cdr', ?{values})",
-            (JOINT_STATES, _TYPE, profiles),
+        database.executemany(
+            f"INSERT INTO topics VALUES (?, ?, ?, 'cdr', ?{values})",
+            [(number, topic, name, profiles) for topic, number in numbers.items()],
         )
         database.execute(
             'CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER NOT NULL, '
@@ -144,7 +167,8 @@ def _write_sqlite(path: Path, layout: Layout, messages: Sequence[Message]) -> No
         )
         database.execute('CREATE INDEX timestamp_idx ON messages (timestamp ASC)')
         database.executemany(
-            'INSERT INTO messages (topic_id, timestamp, data) VALUES (1, ?, ?)', messages
+            'INSERT INTO messages (topic_id, timestamp, data) VALUES (?, ?, ?)',
+            [(numbers[topic], stamp, data) for topic, stamp, data in messages],
         )
     database.close()
 
@@ -153,40 +177,49 @@ def _profiles(layout: Layout) -> list[dict[str, Any]]:
     return json.loads(json.dumps([_PROFILE if layout.version == 9 else _OLD_PROFILE]))
 
 
-def _definition() -> tuple[str, str]:
+def _definition(name: str) -> Definition:
     store = get_typestore(Stores.ROS2_JAZZY)
-    return store.generate_msgdef(_TYPE, ros_version=2)[0], store.hash_rihs01(_TYPE)
+    return name, store.generate_msgdef(name, ros_version=2)[0], store.hash_rihs01(name)
+
+
+def _topics(messages: Sequence[Message]) -> list[str]:
+    return list(dict.fromkeys(topic for topic, _, _ in messages))
 
 
 def _metadata(
-    layout: Layout, names: Sequence[str], parts: Sequence[Sequence[Message]]
+    layout: Layout,
+    names: Sequence[str],
+    parts: Sequence[Sequence[Message]],
+    schema: Definition,
 ) -> dict[str, Any]:
-    topic: dict[str, Any] = {
-        'name': JOINT_STATES,
-        'type': _TYPE,
-        'serialization_format': 'cdr',
-        'offered_qos_profiles': _profiles(layout),
-        'type_description_hash': _definition()[1],
-    }
-    if layout.version < 9:
-        topic['offered_qos_profiles'] = yaml.safe_dump(_profiles(layout))
-        del topic['type_description_hash']
-    count = sum(map(len, parts))
+    messages = [message for part in parts for message in part]
+    topics = []
+    for topic in _topics(messages):
+        about: dict[str, Any] = {
+            'name': topic,
+            'type': schema[0],
+            'serialization_format': 'cdr',
+            'offered_qos_profiles': _profiles(layout),
+            'type_description_hash': schema[2],
+        }
+        if layout.version < 9:
+            about['offered_qos_profiles'] = yaml.safe_dump(_profiles(layout))
+            del about['type_description_hash']
+        count = sum(name == topic for name, _, _ in messages)
+        topics.append({'topic_metadata': about, 'message_count': count})
     information = {
         'version': layout.version,
         'storage_identifier': layout.storage,
-        'duration': {'nanoseconds': parts[-1][-1][0] - parts[0][0][0]},
-        'starting_time': {'nanoseconds_since_epoch': parts[0][0][0]},
-        'message_count': count,
-        'topics_with_message_count': [{'topic_metadata': topic, 'message_count': count}],
+        **_times(messages),
+        'message_count': len(messages),
+        'topics_with_message_count': topics,
         'compression_format': 'zstd' if layout.compression_mode else '',
         'compression_mode': layout.compression_mode,
         'relative_file_paths': list(names),
         'files': [
             {
                 'path': name.removesuffix('.zstd'),
-                'starting_time': {'nanoseconds_since_epoch': part[0][0]},
-                'duration': {'nanoseconds': part[-1][0] - part[0][0]},
+                **_times(part),
                 'message_count': len(part),
             }
             for name, part in zip(names, parts, strict=True)
@@ -196,3 +229,11 @@ def _metadata(
         information.update(custom_data=None, ros_distro='jazzy')
     # What stands in it twice is written twice, as rosbag2 does, not once with an alias.
     return json.loads(json.dumps({'rosbag2_bagfile_information': information}))
+
+
+def _times(messages: Sequence[Message]) -> dict[str, dict[str, int]]:
+    stamps = [stamp for _, stamp, _ in messages]
+    return {
+        'starting_time': {'nanoseconds_since_epoch': min(stamps)},
+        'duration': {'nanoseconds': max(stamps) - min(stamps)},
+    }

@@ -208,15 +208,6 @@ def test_wrong_commands_are_rejected_and_the_active_one_continues(bench):
         assert bench.torques == []
 
 
-def test_a_wrong_nudge_is_rejected(bench):
-    for number, value in enumerate((math.nan, math.inf, 1e3), start=1):
-        bench.joints(bench.named.chain.uniform_state(LEFT))
-        bench.nudge(value)
-        assert bench.refusal(number).startswith(f'/nudge: speed = {value:g} rad/s must ')
-        bench.nudge(1.0)
-        bench.next_impulses()
-
-
 def test_without_joint_states_commands_are_rejected(bench):
     bench.nudge(1.0)
     assert 'no fresh joint_states: none received, the limit is 60 s' in bench.refusal()

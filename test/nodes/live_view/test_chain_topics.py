@@ -163,12 +163,12 @@ def test_a_frame_without_its_state_shows_no_soliton(graph, page):
 
 
 @pytest.mark.parametrize('publishers', [1, 2])
-def test_frames_in_two_messages_are_shown_whole_without_an_analyser(graph, named, publishers):
-    found = ChainFinder(Node('inbox', context=graph.context), '/')
-    model = found.chains['/'].model
-    chain = graph.speak(interfaces.CHAIN)
-    chain.publish(chain_to_msg(named, time_to_msg(0)))
-    graph.until(lambda: found.update() or model.named == named, 'the chain')
+def test_frames_in_two_messages_are_shown_whole_without_an_analyser(
+    graph, page, named, publishers
+):
+    model = page.model
+    graph.speak(interfaces.CHAIN).publish(chain_to_msg(named, time_to_msg(0)))
+    graph.until(lambda: page.update() or model.named == named, 'the chain')
     boards = [graph.speak(interfaces.JOINT_STATES) for _ in range(publishers)]
     shown: list[bool] = []
 
@@ -178,7 +178,7 @@ def test_frames_in_two_messages_are_shown_whole_without_an_analyser(graph, named
         for board, half in zip(2 * boards, halves(frame), strict=False):
             board.publish(half)
         before = model.frames
-        found.update()
+        page.update()
         if model.frames > before:
             shown.append(bool(np.isfinite(model.angles).all() and np.ptp(model.angles) == 0.0))
         return len(shown) > 5 and all(shown[-3:])
@@ -187,9 +187,8 @@ def test_frames_in_two_messages_are_shown_whole_without_an_analyser(graph, named
     graph.until(shows_whole_frames, 'three whole frames', lambda: (shown, model.angles))
 
 
-def test_late_frames_are_a_share_of_the_last_seconds(graph):
-    found = ChainFinder(Node('inbox', context=graph.context), '/')
-    reports = graph.speak(interfaces.DIAGNOSTICS)
+def test_late_frames_are_a_share_of_the_last_seconds(graph, page):
+    found, reports = page.finder, graph.speak(interfaces.DIAGNOSTICS)
 
     def report(missed: int, frames: int) -> None:
         figures = {'missed deadlines': str(missed), 'frames': str(frames)}

@@ -18,7 +18,6 @@ from graphs import Graph, values
 from rclpy.serialization import serialize_message
 from recordings import analysed_states
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Header
 
 from soliton_linkage.dynamics.elastic import simulate
 from soliton_linkage.linear.rigidity import Edge, edge_mode
@@ -115,26 +114,6 @@ def test_every_frame_gets_its_solitons_under_its_own_header(graph):
     assert_same(states, named, frames)
     assert states[0].solitons == []
     assert any(state.solitons for state in states)
-
-
-@pytest.mark.parametrize('rates', [True, False])
-def test_joints_may_come_in_any_order_and_without_rates(graph, rates):
-    chain, speed = CHAINS['flipper']
-    named = named_chain(chain)
-    frame = frames_of(named, speed)[60]
-    order = np.random.default_rng(1).permutation(chain.number_of_rotors)
-    shuffled = JointState(
-        header=Header(stamp=time_to_msg(3)),
-        name=['gripper', *(frame.name[n] for n in order)],
-        position=[5.0, *(frame.position[n] for n in order)],
-        velocity=[5.0, *(frame.velocity[n] for n in order)] if rates else [],
-    )
-    states = Analysed(graph, named).analyse([shuffled])
-    assert_same(states, named, [shuffled])
-    if not rates:
-        frame.velocity = []
-    frame.header = shuffled.header
-    assert_same(states, named, [frame])
 
 
 def test_no_soliton_is_an_empty_list(graph, named):

@@ -12,11 +12,9 @@ from pathlib import Path
 
 import pytest
 import yaml
-from backports import zstd
 from rclpy.serialization import deserialize_message, serialize_message
 from recordings import START, as_sqlite3, data_file, run_of
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
+from rosbags.rosbag2 import Reader
 
 from soliton_linkage_nodes.bags.guards import DEFAULT_LIMITS
 from soliton_linkage_nodes.bags.metadata import SUFFIXES, storage_of
@@ -28,7 +26,6 @@ from soliton_linkage_nodes.bags.storages.mcap_writer import McapWriter
 from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime.interfaces import NUDGE
 
-MODES = (CompressionMode.NONE, CompressionMode.FILE, CompressionMode.MESSAGE)
 Held = list[tuple[str, int, bytes]]
 
 
@@ -235,52 +232,6 @@ def test_a_file_with_nothing_in_it_begins_no_bag(tmp_path, content, suffix):
     with pytest.raises(ValueError, match=r'nothing can be recovered from bag .*: run_0'):
         recover_bag(path, tmp_path / 'new')
     assert not (tmp_path / 'new_0').exists()
-
-
-def write_with_rosbags(
-    path: Path, named: NamedChain, plugin: StoragePlugin, mode: CompressionMode
-) -> Held:
-    """A bag of rosbags' own writers, whose chunks have no checksums."""
-    writer = Writer(path, version=9, storage_plugin=plugin)
-    writer.set_compression(mode, CompressionFormat.ZSTD)
-    writer.open()
-    store = get_typestore(Stores.ROS2_JAZZY)
-    states = writer.add_connection('/joint_states', 'sensor_msgs/msg/JointState', typestore=store)
-    sent = []
-    for topic, stamp, message in run_of(named, 200):
-        if topic.name == 'joint_states':
-            sent.append(('/joint_states', stamp, serialize_message(message)))
-            writer.write(states, stamp, sent[-1][2])
-    writer.close()
-    return sent
-
-
-@pytest.mark.parametrize('plugin', list(StoragePlugin))
-@pytest.mark.parametrize('mode', MODES)
-def test_bags_of_other_writers_come_back(named, tmp_path, plugin, mode):
-    sent = write_with_rosbags(tmp_path / 'run_0', named, plugin, mode)
-    report, new = recover_bag(tmp_path / 'run_0', tmp_path / 'new')
-    assert contents(new) == sent
-    assert report.damage == []
-    (tmp_path / 'run_0/metadata.yaml').unlink()
-    assert attempt(tmp_path / 'run_0', tmp_path / 'again') == sent
-    damage = check_bag(tmp_path / 'run_0').damage
-    assert damage == ['metadata.yaml is missing or cannot be read']
-
-
-def test_messages_before_the_cut_of_a_compressed_file_are_recovered(named, tmp_path):
-    sent = write_with_rosbags(
-        tmp_path / 'run_0', named, StoragePlugin.SQLITE3, CompressionMode.FILE
-    )
-    (packed,) = (tmp_path / 'run_0').glob('*.zstd')
-    plain = zstd.decompress(packed.read_bytes())
-    pieces = b''.join(
-        zstd.compress(plain[begin : begin + 8192]) for begin in range(0, len(plain), 8192)
-    )
-    packed.write_bytes(pieces[: len(pieces) // 2])
-    report = check_bag(tmp_path / 'run_0')
-    assert 'compressed data is truncated' in report.damage[0]
-    assert report.messages + report.lost >= len(sent)
 
 
 def interrupt_transaction(data: Path) -> Path:
