@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+from functools import partial
 from importlib.metadata import distribution
 from itertools import cycle
 from pathlib import Path
@@ -14,44 +15,12 @@ from programs import signalled
 
 from soliton_linkage_nodes import start as programs
 
-NODES = (
-    'simulator',
-    'edge_actuator',
-    'soliton_analyser',
-    'soliton_steering',
-    'chain_identifier',
-    'bag_recorder',
-    'bag_player',
-    'live_view',
-    'visualisation',
-    'foxglove_server',
-    'camera_encoders',
-    'serial_encoders',
-    'suite',
-)
-TOOLS = (
-    'analyse_bag',
-    'calibrate_camera',
-    'check_bag',
-    'check_rig',
-    'contraction',
-    'experiment',
-    'film_encoders',
-    'identify_chain',
-    'live',
-    'move_soliton',
-    'nudge',
-    'print_markers',
-    'recover_bag',
-    'robot_description',
-    'simulated_controller',
-    'watch_soliton',
-)
+PROGRAMS = [name for name, value in vars(programs).items() if isinstance(value, partial)]
 
 
 def test_these_are_the_programs():
     installed = distribution('soliton_linkage_nodes').entry_points
-    assert installed.select(group='console_scripts').names == {*NODES, *TOOLS}
+    assert installed.select(group='console_scripts').names == set(PROGRAMS)
 
 
 def test_a_closed_pipe_ends_a_program_without_a_traceback():
@@ -91,7 +60,7 @@ def file_of(program: str) -> str:
 
 def test_a_signal_ends_every_program_that_is_being_imported(start):
     numbers = cycle([signal.SIGINT, signal.SIGTERM])
-    given = list(zip((*NODES, *TOOLS), numbers, strict=False))
+    given = list(zip(PROGRAMS, numbers, strict=False))
     running = [start(name, command=signalled(f'{file_of(name)}:<module>', n)) for name, n in given]
     for (name, number), program in zip(given, running, strict=True):
         assert program.wait() == -number, name

@@ -170,19 +170,27 @@ def test_big_endian_messages_come_back():
     assert_same(decoder, message, swapped + bytes(8))
 
 
-def test_bytes_that_are_no_joint_states_are_rejected():
+def test_bytes_that_are_no_message_are_rejected():
+    joints = JointState(name=['a', 'b'], position=[1.0, math.nan], velocity=[3.0, 4.0])
+    impulses = RotorImpulses(name=['two', 'one'], impulse=[1.0, -1.0])
     for known in [False, True]:
-        message = JointState(name=['a', 'b'], position=[1.0, math.nan], velocity=[3.0, 4.0])
-        whole = CdrWriter(message).serialized
-        decoder = JointStateDecoder()
-        if known:
-            decoder.decode(whole)
-        for size in range(len(whole) - 12):
-            with pytest.raises(
-                ValueError, match=f'joint_states of {size} bytes is no valid sensor_msgs'
-            ):
-                decoder.decode(whole[:size])
-        assert_same(decoder, message, whole)
+        for decoder, message, what, efforts, check in (
+            (JointStateDecoder(), joints, 'joint_states', 12, assert_same),
+            (
+                ImpulseDecoder(ROTORS, LARGEST),
+                impulses,
+                'rotor_impulses',
+                0,
+                assert_as_of_the_message,
+            ),
+        ):
+            whole = CdrWriter(message).serialized
+            if known:
+                decoder.decode(whole)
+            for size in range(len(whole) - efforts):
+                with pytest.raises(ValueError, match=f'{what} of {size} bytes is no valid'):
+                    decoder.decode(whole[:size])
+            check(decoder, message, whole)
 
 
 @given(st.lists(IMPULSES, min_size=2, max_size=5))
@@ -198,19 +206,6 @@ def test_impulses_of_the_same_joints_are_not_deserialized_again(deserialized):
         message = RotorImpulses(name=['three', 'one'], impulse=[value, 0.5])
         assert_as_of_the_message(decoder, message, serialize_message(message))
     assert len(deserialized) == 1
-
-
-def test_bytes_that_are_no_impulses_are_rejected():
-    for known in [False, True]:
-        message = RotorImpulses(name=['two', 'one'], impulse=[1.0, -1.0])
-        whole = CdrWriter(message).serialized
-        decoder = ImpulseDecoder(ROTORS, LARGEST)
-        if known:
-            decoder.decode(whole)
-        for size in range(len(whole)):
-            with pytest.raises(ValueError, match=f'rotor_impulses of {size} bytes is no valid'):
-                decoder.decode(whole[:size])
-        assert_as_of_the_message(decoder, message, whole)
 
 
 @given(st.lists(IMPULSES, min_size=2, max_size=5), st.lists(st.floats(), max_size=3))

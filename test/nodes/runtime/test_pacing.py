@@ -4,7 +4,8 @@
 import math
 import os
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 
 import pytest
 
@@ -50,8 +51,12 @@ def instants(
     calls: int,
     work: Callable[[int], int] = lambda call: 0,
     first: bool = False,
+    rates: Mapping[int, float] = MappingProxyType({}),
 ) -> tuple[list[int], PacedLoop]:
-    """Return when a loop acted [ns since it began]; the call k takes work(k) [ns]."""
+    """Return when a loop acted [ns since it began].
+
+    The call k takes work(k) [ns], and then sets the rate to rates[k] [1/s].
+    """
     seen: list[int] = []
     enough = threading.Event()
 
@@ -61,6 +66,8 @@ def instants(
             raise Enough
         seen.append(clock.now - START)
         clock.now += work(len(seen) - 1)
+        if len(seen) - 1 in rates:
+            loop.rate = rates[len(seen) - 1]
 
     loop = PacedLoop(rate, act, first)
     loop.start()
@@ -127,22 +134,8 @@ def test_stop_completes_the_current_call_and_makes_no_other():
 
 
 def test_a_rate_that_is_set_later_counts_from_then_on(clock):
-    seen: list[int] = []
-    enough = threading.Event()
-
-    def act() -> None:
-        seen.append(clock.now - START)
-        if len(seen) == 11:
-            clock.now += SECOND // 20
-            loop.rate = 200.0
-        if len(seen) == 31:
-            enough.set()
-            raise Enough
-
-    loop = PacedLoop(100.0, act)
-    loop.start()
-    assert enough.wait(120)
-    loop.stop()
+    stall = {10: SECOND // 20}
+    seen, loop = instants(clock, 100.0, 31, lambda call: stall.get(call, 0), rates={10: 200.0})
     changed = SECOND // 10 + SECOND // 20
     assert seen[:11] == [tick * SECOND // 100 for tick in range(11)]
     assert seen[11:] == [changed + tick * SECOND // 200 for tick in range(20)]

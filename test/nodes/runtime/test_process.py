@@ -17,14 +17,6 @@ from std_msgs.msg import Float64
 
 from soliton_linkage_nodes.runtime.process import SpinSlices, initialise, interruptible
 
-NODES = (
-    'simulator',
-    'edge_actuator',
-    'soliton_analyser',
-    'soliton_steering',
-    'bag_recorder',
-    'bag_player',
-)
 SMALL = ['-p', 'chain.number_of_rotors:=8', '-p', 'publish_rate:=50.0']
 MINUTE = 60 * 10**9
 MOST_HEARD = 50_000
@@ -48,8 +40,8 @@ def test_every_node_stops_cleanly_on_one_or_two_signals(graph, start, named, tmp
         'bag_recorder': ['-p', f'output:={tmp_path / "run"}'],
         'bag_player': ['-p', f'bag:={long_bag}'],
     }
-    reports = {node: graph.reports(node) for node in NODES}
-    programs = {node: start(node, '--ros-args', *given.get(node, [])) for node in NODES}
+    reports = {node: graph.reports(node) for node in FIRST_WORDS}
+    programs = {node: start(node, '--ros-args', *given.get(node, [])) for node in FIRST_WORDS}
     graph.until(lambda: all(reports.values()), 'a report of every node')
     numbers = cycle([signal.SIGINT, signal.SIGTERM])
     for (node, program), number in zip(programs.items(), numbers, strict=False):

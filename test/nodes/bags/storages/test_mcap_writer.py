@@ -23,6 +23,15 @@ def topic(number: int) -> StoredTopic:
     return StoredTopic(number, f'/n{number}', *told)
 
 
+@pytest.fixture
+def writer(tmp_path):
+    """A writer of a topic that is already in the file."""
+    made = McapWriter(tmp_path / 'x.mcap')
+    made.add_topic(topic(1))
+    made.flush()
+    return made
+
+
 def message(number: int) -> bytes:
     return serialize_message(Float64(data=float(number)))
 
@@ -76,11 +85,8 @@ def test_without_any_message_there_is_no_chunk(tmp_path):
     assert in_file_order(path) == []
 
 
-def test_topics_that_were_silent_till_a_kill_are_known(tmp_path):
+def test_topics_that_were_silent_till_a_kill_are_known(writer, tmp_path):
     path = tmp_path / 'x.mcap'
-    writer = McapWriter(path)
-    writer.add_topic(topic(1))
-    writer.flush()
     size = path.stat().st_size
     writer.flush()
     assert path.stat().st_size == size
@@ -92,11 +98,8 @@ def test_topics_that_were_silent_till_a_kill_are_known(tmp_path):
     writer.abandon()
 
 
-def test_a_chunk_defines_its_messages_without_the_head_of_the_file(tmp_path):
+def test_a_chunk_defines_its_messages_without_the_head_of_the_file(writer, tmp_path):
     path = tmp_path / 'x.mcap'
-    writer = McapWriter(path)
-    writer.add_topic(topic(1))
-    writer.flush()
     begin = path.stat().st_size
     writer.write(1, 10, message(10))
     writer.flush()

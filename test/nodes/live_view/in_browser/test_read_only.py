@@ -1,46 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
-import os
 import re
-import signal
-import subprocess
-import sys
 import urllib.error
 import urllib.request
 from pathlib import Path
 
 import pytest
 from live_stage import Rig, Stage, Visit
-from programs import until
+from programs import Program, until
 
-RUN = 'from soliton_linkage_nodes.start import live_view; live_view()'
 BAGS = Path(__file__).parents[4] / 'bags'
 PARAMETERS = ('host:=0.0.0.0', 'port:=0', 'read_only:=true', f'bag_folders:=[{BAGS}]')
 
 
-class Served:
-    """Page in a process of its own."""
+def address_of(served: Program) -> str:
+    """Return the address by which this machine reaches the page."""
 
-    def __init__(self, domain: int, log: Path) -> None:
-        self._log = log
-        arguments = [part for each in PARAMETERS for part in ('-p', each)]
-        with log.open('wb') as stream:
-            self.process = subprocess.Popen(
-                [sys.executable, '-c', RUN, '--ros-args', *arguments],
-                env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
-                cwd=log.parent,
-                stdout=stream,
-                stderr=subprocess.STDOUT,
-            )
+    def printed() -> re.Match[str] | None:
+        return re.search(r'open http://.*:(\d+)/(.*)', '\n'.join(served.said))
 
-    @property
-    def output(self) -> str:
-        return self._log.read_text()
-
-    @property
-    def address(self) -> str:
-        """Return the address by which this machine reaches the page."""
-        found = until(lambda: re.search(r'open http://.*:(\d+)/(.*)', self.output), 'the address')
-        return f'http://127.0.0.1:{found[1]}/{found[2]}'
+    found = until(printed, 'the address')
+    return f'http://127.0.0.1:{found[1]}/{found[2]}'
 
 
 @pytest.fixture(scope='module')
@@ -51,14 +30,15 @@ def domain(domains):
 @pytest.fixture(scope='module')
 def served(domain, tmp_path_factory):
     pytest.importorskip('nicegui', reason='needs NiceGUI: pip install nicegui')
-    made = Served(domain, tmp_path_factory.mktemp('read_only') / 'log')
+    arguments = [part for each in PARAMETERS for part in ('-p', each)]
+    log = tmp_path_factory.mktemp('read_only') / 'log'
+    made = Program('live_view', ['--ros-args', *arguments], domain, log)
     yield made
-    made.process.send_signal(signal.SIGINT)
     try:
-        assert made.process.wait(120) == 0
+        assert made.stop() == 0
     finally:
         made.process.kill()
-    assert 'Traceback' not in made.output
+    assert 'Traceback' not in ''.join(made.said)
 
 
 def request(address: str, **headers: str) -> tuple[int, str]:
@@ -72,7 +52,7 @@ def request(address: str, **headers: str) -> tuple[int, str]:
 
 
 def test_a_page_for_other_machines_requires_the_printed_token(served):
-    here, _, token = served.address.partition('?token=')
+    here, _, token = address_of(served).partition('?token=')
     assert len(token) >= 32
     status, page = request(f'{here}?token={token}')
     assert status == 200
@@ -84,14 +64,14 @@ def test_a_page_for_other_machines_requires_the_printed_token(served):
     status, reason = request(f'{here}?token={token}', Origin='http://evil.example')
     assert status == 403
     assert 'is not this page' in reason
-    assert served.output.count(token) == 1
+    assert '\n'.join(served.said).count(token) == 1
 
 
 def test_a_read_only_page_sends_no_commands(served, browser, domain, tmp_path):
     stage = Stage(domain, tmp_path)
     rig = Rig(stage, '/')
     rig.go(7)
-    visit = Visit(browser, served.address)
+    visit = Visit(browser, address_of(served))
     assert 'token' not in visit.page.url
     visit.wait('live.shown && live.shown.rotors === 7')
     assert visit.page.locator('.live-badge').inner_text() == 'read-only'
