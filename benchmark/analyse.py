@@ -66,7 +66,7 @@ def frames_of(rotors: int, count: int) -> Iterator[tuple[bytes, float]]:
     buffer = JointStateBuffer(chain)
     for number in range(count):
         stamp = START + number * SECOND // RATE
-        yield buffer.write(stamp, *wall.frame(number), still), wall.position(number)
+        yield bytes(buffer.fill(stamp, *wall.frame(number), still)), wall.position(number)
 
 
 class TanhFit:

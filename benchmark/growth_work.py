@@ -108,7 +108,7 @@ def published(rotors: int) -> Iterator[Work]:
     numbers = itertools.count()
 
     def publish() -> int:
-        publisher.publish(buffer.write(next(numbers), still, still, still))
+        publisher.publish(bytes(buffer.fill(next(numbers), still, still, still)))
         return 1
 
     with running(program_command(Path(__file__).with_name('listener.py'), topic)):
@@ -121,7 +121,7 @@ def published(rotors: int) -> Iterator[Work]:
 def recorded(rotors: int) -> Iterator[Work]:
     """Yield the recording of one message, as in the threads of the recorder."""
     buffer, still = JointStateBuffer(named_chain(rotors)), np.zeros(rotors)
-    message = buffer.write(0, still, still, still)
+    message = bytes(buffer.fill(0, still, still, still))
     kind, qos = interfaces.JOINT_STATES.type, QoSProfile(depth=2 * BATCH)
     node = rclpy.create_node('recorded')
     name = f'/recorded_{rotors}'

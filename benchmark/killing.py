@@ -137,7 +137,7 @@ def published_stamps() -> Iterator[list[int]]:
         start = time.monotonic()
         while not stopping.is_set():
             stamp = time.time_ns()
-            publisher.publish(buffer.write(stamp, zeros, zeros, zeros))
+            publisher.publish(bytes(buffer.fill(stamp, zeros, zeros, zeros)))
             stamps.append(stamp)
             time.sleep(max(0.0, start + len(stamps) / RATE - time.monotonic()))
 

@@ -63,7 +63,7 @@ class Chains:
             now = self._frame % len(self._moved.angles)
             angles, rates = self._moved.angles[now], self._moved.rates[now]
             stamp = self._stamp + self._frame * self._period
-            message = self._buffer.write(stamp, angles, rates, 0 * angles)
+            message = bytes(self._buffer.fill(stamp, angles, rates, 0 * angles))
             for publisher in self._joints:
                 publisher.publish(message)
             self._frame += 1

@@ -110,7 +110,7 @@ def ways_to_publish(publisher: Publisher, rotors: int) -> Ways:
     angles, rates, torques = np.random.default_rng(rotors).normal(size=(3, rotors))
     stamp = 1_700_000_000_123_456_789
     buffer = JointStateBuffer(named)
-    constant = buffer.write(stamp, angles, rates, torques)
+    constant = bytes(buffer.fill(stamp, angles, rates, torques))
     joint_names = list(default_joint_names(rotors))
 
     def idiomatic() -> None:

@@ -184,7 +184,7 @@ class Sender:
         while (now := time.monotonic() - start) < seconds:
             for _ in range(min(int(now * rate) + 1 - sent, 100)):
                 stamp = number * SECOND + sent
-                self._publisher.publish(self._buffer.write(stamp, still, still, still))
+                self._publisher.publish(bytes(self._buffer.fill(stamp, still, still, still)))
                 sent += 1
             time.sleep(max(0.0, min(NAP, sent / rate - (time.monotonic() - start))))
         sending = time.monotonic() - start

@@ -83,7 +83,7 @@ def write_wall_bag(name: Path, rotors: int, frames: int, compression: str = 'non
     progress = ProgressLine('writing', frames)
     for number in range(frames):
         stamp = START + number * SECOND // RATE
-        writer.write(joints, stamp, buffer.write(stamp, *wall.frame(number), still))
+        writer.write(joints, stamp, bytes(buffer.fill(stamp, *wall.frame(number), still)))
         if number % _SHOW_EVERY == 0:
             progress.show(number)
     writer.close()

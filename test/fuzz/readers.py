@@ -36,7 +36,7 @@ from soliton_linkage_nodes.messages.conversions import (
 )
 from soliton_linkage_nodes.messages.state_conversions import solitons_from_msg
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.stamps import time_to_msg
+from soliton_linkage_nodes.runtime.stamps import stamp_of, time_to_msg
 
 sys.path.append(str(Path(__file__).parents[1] / 'nodes'))
 
@@ -213,7 +213,7 @@ def _feed_joint_states(content: bytes) -> None:
     decoding = JointStateDecoder()
     decoding.decode(_messages()[interfaces.JOINT_STATES.name])
     refused(lambda: decoding.decode(content))
-    refused(lambda: decoding.stamp(content))
+    refused(lambda: stamp_of(content))
     refused(lambda: JointStateDecoder().decode(content))
 
 
