@@ -14,26 +14,17 @@ from ament_index_python.packages import get_package_prefix
 from graphs import Graph, values
 from programs import PACKAGE
 from recordings import MILLISECOND, START, frame_message, run_of, write_bag
-from sensor_msgs.msg import Image
 from std_srvs.srv import Trigger
 
-from soliton_linkage.dynamics.elastic import simulate
-from soliton_linkage.linear.rigidity import mode_towards_last
-from soliton_linkage.linkage.chain import Chain
 from soliton_linkage_msgs.msg import SolitonEvent, SolitonState
 from soliton_linkage_msgs.srv import GetRate, Seek, SetRate
 from soliton_linkage_nodes.bags.player import BagPlayer
-from soliton_linkage_nodes.bags.reading import find_topic, open_bag
 from soliton_linkage_nodes.messages.conversions import (
-    Frame,
     NamedChain,
     chain_to_msg,
-    default_joint_names,
-    frame_to_msg,
 )
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg, time_to_msg
-from soliton_linkage_nodes.soliton_analyser.node import SolitonAnalyser
 
 MINUTE = 60 * 10**9
 PATIENT = {'lockstep_timeout': 600.0}
@@ -267,52 +258,6 @@ def test_it_waits_for_the_subscribers_that_are_expected(graph, named, tmp_path):
     assert len(nudges) == 1
 
 
-def soliton_states(graph: Graph, bag: Path, **given: Any) -> list[Any]:
-    """Return the states of a new analyser for a bag that is played in lockstep."""
-    heard: list[Any] = []
-    topic = interfaces.SOLITON_STATE
-    subscription = graph.user.create_subscription(topic.type, topic.name, heard.append, topic.qos)
-    analyser = graph.start(SolitonAnalyser, {'longest_lag': 0.0})
-    player = graph.start(BagPlayer, {'bag': str(bag), 'lockstep': True, **PATIENT, **given})
-    graph.until(lambda: player.finished, 'the end')
-    if player.failure is not None:
-        raise player.failure
-    assert 'without an answer' not in graph.next_report('bag_player').message
-    frames = frames_in(bag)
-    graph.until(lambda: len(heard) == frames, f'{frames} states')
-    graph.stop(player)
-    graph.stop(analyser)
-    graph.user.destroy_subscription(subscription)
-    return heard
-
-
-def frames_in(bag: Path) -> int:
-    with open_bag(bag) as reader:
-        return reader.counts[find_topic(reader, 'joint_states')]
-
-
-def test_replays_in_lockstep_give_the_same_soliton_states(graph, tmp_path):
-    chain = Chain(number_of_rotors=12)
-    start = chain.uniform_state(-1)
-    kick = 10.0 * mode_towards_last(chain, start)
-    recording = simulate(chain, start, kick, duration=1.5, period=0.01)
-    named = NamedChain(chain, default_joint_names(12))
-    first_stamp = time_to_msg(START)
-    entries: list[Any] = [(interfaces.CHAIN, START, chain_to_msg(named, first_stamp))]
-    for time, angles, rates in zip(
-        recording.times, recording.angles, recording.rates, strict=True
-    ):
-        stamp = START + round(time * 1e9)
-        frame = frame_to_msg(named, Frame(angles, rates), 0 * angles, time_to_msg(stamp))
-        entries.append((interfaces.JOINT_STATES, stamp, frame))
-    bag = write_bag(tmp_path / 'run', entries)
-    first = soliton_states(graph, bag)
-    second = soliton_states(graph, bag, lockstep_window=1)
-    assert any(state.solitons for state in first)
-    # NaN equals NaN in the text, which has all digits.
-    assert list(map(repr, first)) == list(map(repr, second))
-
-
 def test_in_lockstep_no_more_frames_are_on_their_way_than_the_window(graph, named, tmp_path):
     bag = write_bag(tmp_path / 'run', run_of(named, 50))
     frames = graph.hear(interfaces.JOINT_STATES)
@@ -370,16 +315,6 @@ def test_lockstep_needs_an_analyser(graph, named, tmp_path):
     graph.until(lambda: player.finished, 'the end')
     said = 'nothing publishes soliton_state after 1 s; start soliton_analyser'
     assert said in str(player.failure)
-
-
-def test_a_bag_of_other_topics_is_played_as_well(graph, tmp_path):
-    image = interfaces.Topic('camera', Image, interfaces.stream_qos())
-    entries = [(image, START + number, Image(height=number)) for number in range(5)]
-    bag = write_bag(tmp_path / 'run', entries)
-    images = graph.hear(image)
-    graph.start(BagPlayer, {'bag': str(bag), 'wait_for': ['camera']})
-    graph.until(lambda: len(images) == 5, 'the images')
-    assert [message.height for message in images] == list(range(5))
 
 
 def test_the_keys_of_a_terminal_pause_step_and_change_the_rate(graph, named, tmp_path):

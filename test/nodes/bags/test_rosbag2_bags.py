@@ -1,15 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bags in rosbag2 layouts, with joint states only, are read, checked, recovered and played."""
+"""Bags in rosbag2 layouts, with joint states only, are read, checked and recovered."""
 
 import pytest
 from backports import zstd
 from recordings import MILLISECOND, START, frame_message
-from rosbag2_bags import JOINT_STATES, LAYOUTS, Layout, write_rosbag2_bag
+from rosbag2_bags import LAYOUTS, Layout, write_rosbag2_bag
 
-from soliton_linkage_nodes.bags.player import BagPlayer
 from soliton_linkage_nodes.bags.reading import open_bag, read_topic
 from soliton_linkage_nodes.bags.recovery import check_bag, recover_bag
-from soliton_linkage_nodes.runtime import interfaces
 
 
 @pytest.fixture(params=LAYOUTS)
@@ -35,16 +33,6 @@ def test_it_is_read_whole_and_comes_back_whole(layout, frames, tmp_path):
     assert report.damage == ['metadata.yaml is missing or cannot be read']
     with open_bag(new) as reader:
         assert list(read_topic(reader, 'joint_states')) == frames
-
-
-def test_it_is_played(graph, frames, tmp_path):
-    bag = write_rosbag2_bag(tmp_path / 'rosbag2_2026', LAYOUTS['split sqlite3'], frames)
-    heard: list[interfaces.JointState] = []
-    topic = interfaces.JOINT_STATES
-    graph.user.create_subscription(topic.type, JOINT_STATES, heard.append, topic.qos)
-    graph.start(BagPlayer, {'bag': str(bag)})
-    graph.until(lambda: len(heard) == 100, 'the frames')
-    assert heard == [frame for _, frame in frames]
 
 
 def test_messages_before_the_cut_of_a_compressed_file_are_recovered(frames, tmp_path):

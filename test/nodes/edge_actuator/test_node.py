@@ -267,22 +267,14 @@ def test_warnings_have_the_real_names_of_topics(graph, said):
 
 def test_wrong_joint_states_are_rejected_when_they_are_needed(bench, named):
     rest = named.chain.uniform_state(LEFT)
-    spoiled: list[tuple[dict[str, Any], str]] = [
-        ({'position': [0.0]}, 'joint_states.position has 1 values for 8 names'),
-        ({'position': [math.nan] * 8}, 'position of rotor_0 = nan must be a finite number'),
-        ({'name': [f'wheel_{n}' for n in range(8)]}, 'joint_states.name lacks 8 of 8 rotors'),
-        ({'name': ['rotor_0'] * 8}, "'rotor_0' twice"),
-    ]
-    for number, (spoil, complaint) in enumerate(spoiled, start=1):
-        message = frame_to_msg(named, Frame(rest, None), np.zeros(8), time_to_msg(0))
-        for field, value in spoil.items():
-            setattr(message, field, value)
-        bench.raw_joints(message)
-        bench.nudge(1.0)
-        assert complaint in bench.refusal(number)
-        bench.joints(rest)
-        bench.nudge(1.0)
-        bench.next_impulses()
+    message = frame_to_msg(named, Frame(rest, None), np.zeros(8), time_to_msg(0))
+    message.position[0] = math.nan
+    bench.raw_joints(message)
+    bench.nudge(1.0)
+    assert 'position of rotor_0 = nan must be a finite number' in bench.refusal()
+    bench.joints(rest)
+    bench.nudge(1.0)
+    bench.next_impulses()
 
 
 def test_without_a_subscriber_of_impulses_commands_are_rejected(graph, named):

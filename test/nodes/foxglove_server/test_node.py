@@ -12,7 +12,6 @@ from graphs import Graph, values
 from hostile_values import PATIENT, TEXTS
 from hypothesis import given
 from hypothesis import strategies as st
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from std_msgs.msg import Float64
@@ -126,20 +125,6 @@ def test_each_client_receives_latched_messages(graph, served, connect, named):
         received = client.subscribe('/chain')
         until(graph, client, lambda h=received: h, 'the latched message')
         assert tuple(deserialize_message(received[0], Chain).joint_names) == named.joint_names
-
-
-def test_messages_of_a_best_effort_publisher_are_received(graph, client):
-    qos = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
-    publisher = graph.user.create_publisher(Float64, 'sensed', qos)
-    until(graph, client, lambda: '/sensed' in client.channels, 'a topic')
-    received = client.subscribe('/sensed')
-    until(graph, client, publisher.get_subscription_count, 'a subscription')
-
-    def received_one() -> bool:
-        publisher.publish(Float64(data=0.5))
-        return bool(received)
-
-    until(graph, client, received_one, 'a message')
 
 
 @pytest.mark.parametrize('encoding', ['cdr', 'json'])

@@ -96,22 +96,6 @@ def test_without_a_timeout_torques_are_held_for_ever():
     assert_follow(published.angles, acts={0: lambda twin: twin.hold(TORQUES)})
 
 
-def test_a_pause_is_idempotent_and_waiting_commands_act_afterwards():
-    published = Published()
-    published.tick(2)
-    assert published.control.pause(True) is None
-    assert published.control.pause(True) is None
-    published.control.kick(KICK)
-    assert not any(published.control.tick() for _ in range(10))
-    assert published.numbers == [0, 1]
-    assert published.control.status.pending == 1
-    assert published.control.pause(False) is None
-    assert published.control.tick()
-    assert published.control.tick()
-    assert published.numbers == [0, 1, 2, 3]
-    assert_follow(published.angles, acts={2: lambda twin: twin.kick(KICK)})
-
-
 def test_kicks_beyond_the_queue_are_rejected():
     published = Published()
     published.control.pause(True)

@@ -99,13 +99,17 @@ def test_publishers_of_different_joints_and_stamps_are_both_used(graph, named, f
     assert sum(map(len, walls)) > FRAMES // 2
 
 
-def test_a_lockstep_replay_of_halves_answers_every_frame(graph, named, frames, tmp_path):
+@pytest.mark.parametrize('window', [1, 10])
+def test_a_lockstep_replay_gives_the_states_of_the_analysis_without_a_node(
+    graph, named, frames, tmp_path, window
+):
     bag = bag_of(tmp_path, named, [half for frame in frames for half in halves(frame)])
     states = graph.hear(interfaces.SOLITON_STATE)
     graph.start(SolitonAnalyser)
-    given = {'lockstep': True, 'lockstep_window': 1, 'lockstep_timeout': 600.0}
+    given = {'lockstep': True, 'lockstep_window': window, 'lockstep_timeout': 600.0}
     player = graph.start(BagPlayer, {'bag': str(bag), **given})
     graph.until(lambda: player.finished and len(states) == FRAMES, 'the end')
+    assert 'without an answer' not in graph.next_report('bag_player').message
     assert list(map(repr, states)) == list(map(repr, expected(named, frames)))
 
 

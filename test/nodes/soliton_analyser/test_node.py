@@ -316,27 +316,17 @@ def test_offsets_of_encoders_are_reported(graph):
 
 
 def test_wrong_joint_states_are_rejected_and_valid_ones_analysed_as_before(graph, named):
-    analysed, frames = Analysed(graph, named), frames_of(named, 10.0)[60:66]
-    spoiled: list[tuple[dict[str, Any] | None, str]] = [
-        ({'position': [0.0]}, 'joint_states.position has 1 values for 8 names'),
-        ({'velocity': [0.0] * 9}, 'joint_states.velocity has 9 values for 8 names'),
-        (
-            {'name': [f'wheel_{n}' for n in range(8)]},
-            "has none of the 8 rotors, such as 'rotor_0'; set the parameter joint_names",
-        ),
-        ({'name': ['rotor_0'] * 8}, "'rotor_0' twice"),
-        ({'name': [], 'position': [], 'velocity': []}, 'has none of the 8 rotors'),
-        (None, 'joint_states of 200 bytes is no valid sensor_msgs/JointState'),
-    ]
-    for number, (right, (spoil, complaint)) in enumerate(
-        zip(frames, spoiled, strict=True), start=1
+    analysed, frames = Analysed(graph, named), frames_of(named, 10.0)[60:62]
+    foreign = copy.deepcopy(frames[0])
+    foreign.name = [f'wheel_{n}' for n in range(8)]
+    none = "has none of the 8 rotors, such as 'rotor_0'; set the parameter joint_names"
+    cut, invalid = serialize_message(frames[1])[:200], 'of 200 bytes is no valid sensor_msgs/Joint'
+    for number, (wrong, right, complaint) in enumerate(
+        ((foreign, frames[0], none), (cut, frames[1], invalid)), start=1
     ):
-        wrong = copy.deepcopy(right)
-        for field, value in (spoil or {}).items():
-            setattr(wrong, field, value)
-        analysed.publish(wrong if spoil else serialize_message(wrong)[:200], right)
+        analysed.publish(wrong, right)
         assert complaint in analysed.reported('rejected', str(number))['last rejection']
-    graph.until(lambda: len(analysed.states) == 6, 'a state of each valid frame')
+    graph.until(lambda: len(analysed.states) == 2, 'a state of each valid frame')
     assert_same(analysed.states, named, frames)
 
 
