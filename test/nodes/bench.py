@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from graphs import Graph, values
+from joint_frames import frame_of
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
@@ -16,10 +17,8 @@ from soliton_linkage.linkage.chain import Array
 from soliton_linkage_msgs.msg import EdgeCommand
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
 from soliton_linkage_nodes.messages.conversions import (
-    Frame,
     NamedChain,
     chain_to_msg,
-    frame_to_msg,
     impulses_from_msg,
     torques_from_msg,
 )
@@ -55,10 +54,8 @@ class Bench:
     def joints(self, angles: Array, stamp: float | None = None) -> None:
         """Publish joint states of a stamp [s], and wait until they are there."""
         self._stamp = self._stamp + 0.01 if stamp is None else stamp
-        zeros = np.zeros(self.named.rotors)
-        instant = time_to_msg(round(self._stamp * 1e9))
-        message = frame_to_msg(self.named, Frame(angles, zeros), zeros, instant)
-        self.raw_joints(message)
+        stamp_ns = round(self._stamp * 1e9)
+        self.raw_joints(frame_of(self.named, angles, stamp_ns, 0 * angles))
 
     def raw_joints(self, message: JointState) -> None:
         before = self.node.frames.taken

@@ -19,10 +19,7 @@ from std_srvs.srv import Trigger
 from soliton_linkage_msgs.msg import SolitonEvent, SolitonState
 from soliton_linkage_msgs.srv import GetRate, Seek, SetRate
 from soliton_linkage_nodes.bags.player import BagPlayer
-from soliton_linkage_nodes.messages.conversions import (
-    NamedChain,
-    chain_to_msg,
-)
+from soliton_linkage_nodes.messages.conversions import NamedChain, chain_to_msg
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg, time_to_msg
 

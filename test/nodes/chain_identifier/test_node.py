@@ -6,20 +6,18 @@ from pathlib import Path
 
 import numpy as np
 from graphs import values
+from joint_frames import frame_of
 from recordings import START
 from std_srvs.srv import Trigger
 
 from soliton_linkage_nodes.chain_identifier.node import ChainIdentifier
 from soliton_linkage_nodes.messages.chain_source import chain_of_file
 from soliton_linkage_nodes.messages.conversions import (
-    Frame,
     NamedChain,
     chain_from_msg,
     default_joint_names,
-    frame_to_msg,
 )
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
 sys.path.append(str(Path(__file__).parents[2] / 'physics'))
 
@@ -38,8 +36,7 @@ def test_an_identified_chain_is_published_and_saved(graph, tmp_path):
     early = graph.call(Trigger, '/chain_identifier/save')
     assert (early.success, early.message) == (False, 'no chain is identified yet; call ~/identify')
     for number, angles in enumerate(read(passage(made, 400), 1)[0]):
-        stamp = time_to_msg(START + number * PERIOD)
-        frames.publish(frame_to_msg(named, Frame(angles, None), 0 * angles, stamp))
+        frames.publish(frame_of(named, angles, START + number * PERIOD))
     graph.until(lambda: node.frames == 400, 'all frames', lambda: node.frames)
     assert graph.call(Trigger, '/chain_identifier/identify').success
     graph.until(lambda: results, 'a result')
@@ -68,10 +65,8 @@ def test_a_running_identification_reports_its_duration(graph, monkeypatch):
     named = NamedChain(SPINNER, default_joint_names(SPINNER.number_of_rotors))
     node = graph.start(ChainIdentifier, {'interval': 0.0})
     frames = graph.speak(interfaces.JOINT_STATES)
-    still = Frame(SPINNER.uniform_state(1), None)
     for number in range(2):
-        stamp = time_to_msg(START + number * PERIOD)
-        frames.publish(frame_to_msg(named, still, 0 * still.angles, stamp))
+        frames.publish(frame_of(named, SPINNER.uniform_state(1), START + number * PERIOD))
     graph.until(lambda: node.frames == 2, 'the frames', lambda: node.frames)
     begun = time.monotonic()
     assert graph.call(Trigger, '/chain_identifier/identify').success

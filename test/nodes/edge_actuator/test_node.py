@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 from bench import Bench
-from divided_frames import halves
 from graphs import values
+from joint_frames import frame_of, halves
 from numpy.typing import ArrayLike
 from std_msgs.msg import Float64, Header
 
@@ -23,7 +23,7 @@ from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage.solitons.tanh_fit import find_solitons
 from soliton_linkage_msgs.msg import EdgeCommand
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
-from soliton_linkage_nodes.messages.conversions import Frame, NamedChain, frame_to_msg
+from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_from_msg, time_to_msg
 
@@ -267,7 +267,7 @@ def test_warnings_have_the_real_names_of_topics(graph, said):
 
 def test_wrong_joint_states_are_rejected_when_they_are_needed(bench, named):
     rest = named.chain.uniform_state(LEFT)
-    message = frame_to_msg(named, Frame(rest, None), np.zeros(8), time_to_msg(0))
+    message = frame_of(named, rest)
     message.position[0] = math.nan
     bench.raw_joints(message)
     bench.nudge(1.0)
@@ -318,9 +318,7 @@ def test_a_subscriber_of_torques_is_sufficient(graph, named):
     given = {'chain_from': 'parameters', 'chain.number_of_rotors': named.rotors}
     node = graph.start(EdgeActuator, {**given, 'state_timeout': 60.0})
     joints = graph.speak(interfaces.JOINT_STATES)
-    zeros = np.zeros(named.rotors)
-    frame = Frame(named.chain.uniform_state(LEFT), zeros)
-    joints.publish(frame_to_msg(named, frame, zeros, time_to_msg(1)))
+    joints.publish(frame_of(named, named.chain.uniform_state(LEFT), 1))
     graph.until(lambda: node.frames.taken, 'the joint states')
     report = graph.next_report('edge_actuator')
     assert report.message == 'nothing subscribes to rotor_impulses or rotor_torques'
@@ -368,8 +366,7 @@ def test_the_actuator_that_is_chosen_gives_the_torques(graph, named):
 def test_frames_in_halves_are_whole_for_a_kick(bench, named):
     rest = named.chain.uniform_state(LEFT)
     for number in (1, 2):
-        stamp = time_to_msg(number * 10**7)
-        first, second = halves(frame_to_msg(named, Frame(rest, 0 * rest), 0 * rest, stamp))
+        first, second = halves(frame_of(named, rest, number * 10**7, 0 * rest))
         bench.publish_joints(first)
         bench.raw_joints(second)
     bench.nudge(1.0)

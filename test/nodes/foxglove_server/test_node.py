@@ -12,6 +12,7 @@ from graphs import Graph, values
 from hostile_values import PATIENT, TEXTS
 from hypothesis import given
 from hypothesis import strategies as st
+from joint_frames import frame_of
 from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from std_msgs.msg import Float64
@@ -22,8 +23,9 @@ from soliton_linkage_msgs.msg import Chain, EdgeCommand
 from soliton_linkage_msgs.srv import Reset
 from soliton_linkage_nodes.edge_actuator.node import EdgeActuator
 from soliton_linkage_nodes.foxglove_server.node import FoxgloveServer
-from soliton_linkage_nodes.messages.conversions import Frame, chain_to_msg, frame_to_msg
+from soliton_linkage_nodes.messages.conversions import chain_to_msg
 from soliton_linkage_nodes.runtime import interfaces
+from soliton_linkage_nodes.runtime.stamps import SECOND
 from soliton_linkage_nodes.simulator.node import Simulator
 
 sys.path.append(str(Path(__file__).parent))
@@ -96,9 +98,7 @@ def test_topics_are_offered_with_their_definitions(graph, client):
 def test_clients_receive_messages_unchanged_and_can_decode_them_by_their_definitions(
     graph, client, named
 ):
-    frame = frame_to_msg(
-        named, Frame(named.chain.uniform_state(1), None), np.arange(8.0), Time(sec=7)
-    )
+    frame = frame_of(named, named.chain.uniform_state(1), 7 * SECOND)
     publisher = graph.user.create_publisher(type(frame), 'joint_states', 10)
     until(graph, client, lambda: '/joint_states' in client.channels, 'joint_states')
     received = client.subscribe('/joint_states')
@@ -134,7 +134,7 @@ def test_a_nudge_from_a_client_kicks_the_chain(graph, client, named, encoding):
     chain, joints = graph.speak(interfaces.CHAIN), graph.speak(interfaces.JOINT_STATES)
     chain.publish(chain_to_msg(named, Time()))
     angles = named.chain.uniform_state(-1)
-    frame = frame_to_msg(named, Frame(angles, 0 * angles), 0 * angles, Time(sec=1))
+    frame = frame_of(named, angles, SECOND, 0 * angles)
     nudge = Float64(data=2.0)
     data = serialize_message(nudge) if encoding == 'cdr' else json.dumps({'data': 2.0}).encode()
     number = client.advertise('/nudge', 'std_msgs/msg/Float64', encoding)

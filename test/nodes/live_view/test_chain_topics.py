@@ -9,20 +9,15 @@ from itertools import count
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from divided_frames import halves
 from graphs import Graph
+from joint_frames import frame_of, halves
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from std_msgs.msg import Header
 
 from soliton_linkage_msgs.msg import Soliton, SolitonState
 from soliton_linkage_nodes.live_view.chain_topics import ChainFinder
-from soliton_linkage_nodes.messages.conversions import (
-    Frame,
-    NamedChain,
-    chain_to_msg,
-    frame_to_msg,
-)
+from soliton_linkage_nodes.messages.conversions import NamedChain, chain_to_msg
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
 
@@ -40,8 +35,7 @@ class Page:
 
     def publish_frame(self, stamp: int, angle: float) -> None:
         angles = np.full(self._named.rotors, float(angle))
-        frame = Frame(angles, 0 * angles)
-        self._joints.publish(frame_to_msg(self._named, frame, 0 * angles, time_to_msg(stamp)))
+        self._joints.publish(frame_of(self._named, angles, stamp, 0 * angles))
 
     def publish_state(self, stamp: int, rotor: float) -> None:
         header = Header(stamp=time_to_msg(stamp))
@@ -174,7 +168,7 @@ def test_frames_in_two_messages_are_shown_whole_without_an_analyser(
 
     def shows_whole_frames() -> bool:
         angles = np.full(named.rotors, 0.001 * len(shown))
-        frame = frame_to_msg(named, Frame(angles, angles), angles, time_to_msg(next(stamps)))
+        frame = frame_of(named, angles, next(stamps), angles)
         for board, half in zip(2 * boards, halves(frame), strict=False):
             board.publish(half)
         before = model.frames
@@ -213,9 +207,8 @@ def test_two_sources_of_one_topic_are_reported_while_both_publish(
 
     def publish(*sources: Publisher) -> None:
         for source in sources:
-            angles = np.zeros(named.rotors)
-            before, stamp = topics.model.frames, time_to_msg(next(stamps) * SECOND)
-            source.publish(frame_to_msg(named, Frame(angles, 0 * angles), 0 * angles, stamp))
+            before, angles = topics.model.frames, np.zeros(named.rotors)
+            source.publish(frame_of(named, angles, next(stamps) * SECOND, angles))
             graph.until(lambda n=before: topics.update() or topics.model.frames > n, 'the frame')
 
     publish(first, first, first, second, second)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from joint_frames import frame_of
 from sensor_msgs.msg import JointState
 
 from soliton_linkage.dynamics.initial_states import with_soliton
@@ -19,12 +20,11 @@ from soliton_linkage_nodes.messages.conversions import (
     NamedChain,
     default_joint_names,
     frame_from_msg,
-    frame_to_msg,
     joint_states_from_msg,
 )
 from soliton_linkage_nodes.messages.frames import EncoderMonitor, FrameReader
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.stamps import SECOND, time_to_msg
+from soliton_linkage_nodes.runtime.stamps import SECOND
 from soliton_linkage_nodes.soliton_analyser.node import SolitonAnalyser
 from soliton_linkage_nodes.soliton_steering.node import SolitonSteering
 
@@ -158,7 +158,7 @@ def test_the_nodes_log_mistakes(graph, create, said):
     publisher = graph.speak(interfaces.JOINT_STATES)
     angles = np.rad2deg(chain.uniform_state(-1))
     named = NamedChain(chain, default_joint_names(8))
-    message = frame_to_msg(named, Frame(angles, None), np.zeros(0), time_to_msg(0))
+    message = frame_of(named, angles)
 
     def told() -> bool:
         publisher.publish(message)

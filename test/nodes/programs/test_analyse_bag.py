@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from joint_frames import frame_of
 from rclpy.duration import Duration
 from recordings import START, write_bag
 from sensor_msgs.msg import JointState
@@ -20,11 +21,9 @@ from soliton_linkage.linkage.chain import Chain
 from soliton_linkage_msgs.msg import RotorImpulses, Soliton, SolitonEvent, SolitonState
 from soliton_linkage_nodes.bags.reading import open_bag, read_topic
 from soliton_linkage_nodes.messages.conversions import (
-    Frame,
     NamedChain,
     chain_to_msg,
     default_joint_names,
-    frame_to_msg,
     impulses_to_msg,
 )
 from soliton_linkage_nodes.messages.state_conversions import events_to_msgs, state_to_msg
@@ -56,10 +55,7 @@ def frames() -> list[JointState]:
     record = simulate(chain, start, 10 * mode_towards_last(chain, start), 1.0, 0.02)
     generator = np.random.default_rng(3)
     angles = record.angles + 0.01 * generator.standard_normal(record.angles.shape)
-    return [
-        frame_to_msg(NAMED, Frame(each, None), 0 * each, time_to_msg(START + number * PERIOD))
-        for number, each in enumerate(angles)
-    ]
+    return [frame_of(NAMED, each, START + number * PERIOD) for number, each in enumerate(angles)]
 
 
 def bag_of(folder: Path, messages: Sequence[JointState], chain: bool = True) -> Path:
@@ -148,9 +144,7 @@ def kicked() -> list[tuple[interfaces.Topic, JointState | RotorImpulses]]:
             sent.append((interfaces.JOINT_STATE_DEVIATIONS, deviations))
         noise = SURENESS if number % 3 else SURENESS.min()
         seen = simulation.angles + noise * generator.standard_normal(chain.number_of_rotors)
-        sent.append(
-            (interfaces.JOINT_STATES, frame_to_msg(NAMED, Frame(seen, None), 0 * seen, stamp))
-        )
+        sent.append((interfaces.JOINT_STATES, frame_of(NAMED, seen, START + number * PERIOD)))
         simulation.advance()
     return sent
 

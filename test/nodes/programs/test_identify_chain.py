@@ -6,16 +6,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from joint_frames import frame_of
 from recordings import START, write_bag
 
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage_nodes.bags.guards import DEFAULT_LIMITS
 from soliton_linkage_nodes.bags.reading import open_bag
 from soliton_linkage_nodes.messages.chain_source import chain_of_file
-from soliton_linkage_nodes.messages.conversions import Frame, NamedChain, frame_to_msg
+from soliton_linkage_nodes.messages.conversions import NamedChain
 from soliton_linkage_nodes.programs.identify_chain import main, read_joints
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
 sys.path.append(str(Path(__file__).parents[2] / 'physics'))
 
@@ -31,8 +31,7 @@ def bag_of(folder: Path, angles: Array) -> Path:
     entries = []
     for number, frame in enumerate(angles):
         stamp = START + number * PERIOD
-        message = frame_to_msg(named, Frame(frame, None), 0 * frame, time_to_msg(stamp))
-        entries.append((interfaces.JOINT_STATES, stamp, message))
+        entries.append((interfaces.JOINT_STATES, stamp, frame_of(named, frame, stamp)))
     return write_bag(folder / 'run', entries)
 
 

@@ -4,17 +4,11 @@
 import signal
 from itertools import count
 
-import numpy as np
 import pytest
-from divided_frames import halves
+from joint_frames import frame_of, halves
 
 from soliton_linkage_msgs.msg import Soliton, SolitonState
-from soliton_linkage_nodes.messages.conversions import (
-    Frame,
-    NamedChain,
-    chain_to_msg,
-    frame_to_msg,
-)
+from soliton_linkage_nodes.messages.conversions import NamedChain, chain_to_msg
 from soliton_linkage_nodes.programs.watch_soliton import LEGEND, WatchSoliton
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
@@ -34,7 +28,7 @@ def shown(graph, named, capsys):
     graph.until(lambda: seen('no chain, joint_states, soliton_state'), 'a line', lambda: text)
     graph.speak(interfaces.CHAIN).publish(chain_to_msg(named, time_to_msg(0)))
     angles = named.chain.uniform_state(-1)
-    joints = frame_to_msg(named, Frame(angles, None), np.zeros(named.rotors), time_to_msg(1))
+    joints = frame_of(named, angles, 1)
     frames = graph.speak(interfaces.JOINT_STATES)
     states = graph.speak(interfaces.SOLITON_STATE)
 
@@ -86,8 +80,7 @@ def test_parameters_describe_the_chain_and_its_joints_in_two_messages(
     stamps = count(1)
 
     def publish() -> None:
-        joints = frame_to_msg(named, Frame(angles, angles), angles, time_to_msg(next(stamps)))
-        for half in halves(joints):
+        for half in halves(frame_of(named, angles, next(stamps), angles)):
             frames.publish(half)
         states.publish(SolitonState(solitons=[Soliton(rotor=3.0)]))
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from divided_frames import halves, part
 from graphs import Graph, values
+from joint_frames import frame_of, halves, part
 from recordings import START, analysed_states, write_bag
 from sensor_msgs.msg import JointState
 
@@ -16,12 +16,7 @@ from soliton_linkage.linear.rigidity import mode_towards_last
 from soliton_linkage_msgs.msg import SolitonState
 from soliton_linkage_nodes.bags.player import BagPlayer
 from soliton_linkage_nodes.bags.reading import open_bag
-from soliton_linkage_nodes.messages.conversions import (
-    Frame,
-    NamedChain,
-    chain_to_msg,
-    frame_to_msg,
-)
+from soliton_linkage_nodes.messages.conversions import NamedChain, chain_to_msg
 from soliton_linkage_nodes.messages.state_conversions import state_to_msg
 from soliton_linkage_nodes.programs.bag_analysis import analyse_frames
 from soliton_linkage_nodes.runtime import interfaces
@@ -39,8 +34,8 @@ def frames(named):
     kick = 10 * mode_towards_last(named.chain, start)
     record = simulate(named.chain, start, kick, PERIOD * 1e-9 * (FRAMES - 1), PERIOD * 1e-9)
     return [
-        frame_to_msg(named, Frame(*each), 0 * each[0], time_to_msg(START + number * PERIOD))
-        for number, each in enumerate(zip(record.angles, record.rates, strict=True))
+        frame_of(named, angles, START + number * PERIOD, rates)
+        for number, (angles, rates) in enumerate(zip(record.angles, record.rates, strict=True))
     ]
 
 

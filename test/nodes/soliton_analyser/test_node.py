@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 from graphs import Graph, values
+from joint_frames import frame_of
 from rclpy.serialization import serialize_message
 from recordings import analysed_states
 from sensor_msgs.msg import JointState
@@ -23,11 +24,9 @@ from soliton_linkage.dynamics.elastic import simulate
 from soliton_linkage.linear.rigidity import Edge, edge_mode
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage_nodes.messages.conversions import (
-    Frame,
     NamedChain,
     chain_to_msg,
     default_joint_names,
-    frame_to_msg,
 )
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
@@ -52,9 +51,7 @@ def frames_of(named: NamedChain, speed: float, duration: float = 2.0) -> list[Jo
     rest = chain.uniform_state(-1)
     moved = simulate(chain, rest, speed * edge_mode(chain, rest, Edge.FIRST), duration, 0.02)
     return [
-        frame_to_msg(
-            named, Frame(angles, rates), 0 * angles, time_to_msg(7 * 10**9 + number * PERIOD)
-        )
+        frame_of(named, angles, 7 * 10**9 + number * PERIOD, rates)
         for number, (angles, rates) in enumerate(zip(moved.angles, moved.rates, strict=True))
     ]
 
@@ -118,7 +115,7 @@ def test_every_frame_gets_its_solitons_under_its_own_header(graph):
 
 def test_no_soliton_is_an_empty_list(graph, named):
     frames = [
-        frame_to_msg(named, Frame(rest, 0 * rest), 0 * rest, time_to_msg(stamp))
+        frame_of(named, rest, stamp, 0 * rest)
         for stamp, rest in enumerate(map(named.chain.uniform_state, (-1, 1)))
     ]
     for state in Analysed(graph, named).analyse(frames):
@@ -148,8 +145,7 @@ def test_no_frame_is_lost_while_the_analyser_is_busy(graph, named):
     joints = graph.speak(replace(interfaces.JOINT_STATES, qos=interfaces.lossless_stream_qos()))
     rest, count = named.chain.uniform_state(1), 3000
     for number in range(count):
-        stamp = time_to_msg(number * PERIOD)
-        joints.publish(frame_to_msg(named, Frame(rest, 0 * rest), 0 * rest, stamp))
+        joints.publish(frame_of(named, rest, number * PERIOD, 0 * rest))
     tell_chain(graph, named)
     graph.until(lambda: reports and values(reports[-1])['frames'] == str(count), f'{count} frames')
 
@@ -168,8 +164,7 @@ def test_an_experiment_that_is_stopped_meanwhile_loses_no_state_of_a_replay(grap
     tell_chain(graph, named)
     analyser = graph.start(SolitonAnalyser, EVERY_FRAME)
     rest, count = named.chain.uniform_state(1), 1200
-    stamps = [time_to_msg(number * PERIOD) for number in range(count)]
-    frames = [frame_to_msg(named, Frame(rest, 0 * rest), 0 * rest, stamp) for stamp in stamps]
+    frames = [frame_of(named, rest, number * PERIOD, 0 * rest) for number in range(count)]
     serialised = list(map(serialize_message, frames))
     observer = subprocess.Popen(
         [sys.executable, '-c', OBSERVER.format(count=count)],
@@ -196,8 +191,7 @@ def test_the_last_1000_frames_wait_for_the_chain(graph, named):
     analyser = graph.start(SolitonAnalyser)
     rest = named.chain.uniform_state(1)
     for number in range(1030):
-        stamp = time_to_msg(number * PERIOD)
-        frame = frame_to_msg(named, Frame(rest, 0 * rest), 0 * rest, stamp)
+        frame = frame_of(named, rest, number * PERIOD, 0 * rest)
         analyser.take(serialize_message(frame))
     tell_chain(graph, named)
     graph.until(lambda: states and states[-1].header == frame.header, 'the last state')
@@ -213,8 +207,7 @@ def test_a_frame_of_any_numbers_is_analysed(graph):
         size = 10.0 ** chance.uniform(-150, 150)
         angles, rates = chance.uniform(-size, size, (2, 5))
         angles[chance.random(5) < 0.2] = chance.choice([math.nan, math.inf])
-        frame = Frame(angles, rates if number % 2 else np.zeros(5))
-        frames.append(frame_to_msg(named, frame, np.zeros(5), time_to_msg(number)))
+        frames.append(frame_of(named, angles, number, rates if number % 2 else np.zeros(5)))
     analysed = Analysed(graph, named)
     analysed.analyse(frames)
     assert not analysed.reports or values(analysed.reports[-1])['rejected'] == '0'

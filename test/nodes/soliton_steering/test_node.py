@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from action_msgs.msg import GoalStatus
 from graphs import Graph, values
+from joint_frames import frame_of
 from rclpy.action import ActionClient
 from std_srvs.srv import SetBool, Trigger
 
@@ -19,11 +20,9 @@ from soliton_linkage.orbit.deviating_orbit import orbit_of
 from soliton_linkage_msgs.action import MoveSoliton
 from soliton_linkage_msgs.srv import Reset
 from soliton_linkage_nodes.messages.conversions import (
-    Frame,
     NamedChain,
     chain_to_msg,
     default_joint_names,
-    frame_to_msg,
 )
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.guarded import ACTION_QOS
@@ -226,7 +225,7 @@ def test_without_a_chain_or_a_wall_there_is_nothing_to_move(graph):
     graph.until(lambda: node.chain is not None, 'the chain')
     graph.until(node.torques.get_subscription_count, 'a subscriber of the torques')
     angles = np.full(ROTORS, 2.0)
-    joints.publish(frame_to_msg(named, Frame(angles, None), 0 * angles, time_to_msg(1)))
+    joints.publish(frame_of(named, angles, 1))
     graph.until(lambda: not math.isinf(node.freshness.age), 'joint states')
     none = move()
     assert none.outcome == Result.NO_SOLITON

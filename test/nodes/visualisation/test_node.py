@@ -8,20 +8,15 @@ import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from divided_frames import halves
 from graphs import Graph, values
+from joint_frames import frame_of, halves
 from std_msgs.msg import Header
 from urdf_parser_py.urdf import URDF
 from visualization_msgs.msg import Marker
 
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage_msgs.msg import LastKick, Soliton, SolitonState
-from soliton_linkage_nodes.messages.conversions import (
-    Frame,
-    NamedChain,
-    chain_to_msg,
-    frame_to_msg,
-)
+from soliton_linkage_nodes.messages.conversions import NamedChain, chain_to_msg
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.visualisation.node import Visualisation
 
@@ -46,12 +41,11 @@ class Stage:
     def move(self, angles: Array) -> Time:
         """Publish a frame, 0.1 s after the last one, and wait until it is taken."""
         self.number += 1
-        stamp = Time(sec=self.number // 10, nanosec=self.number % 10 * 10**8)
-        frame = frame_to_msg(self.named, Frame(angles, None), 0 * angles, stamp)
+        frame = frame_of(self.named, angles, self.number * 10**8)
         taken = self.node.observed.frames
         self.joints.publish(frame)
         self.graph.until(lambda: self.node.observed.frames > taken, 'a frame')
-        return stamp
+        return frame.header.stamp
 
     def tell(self, stamp: Time, *places: float) -> None:
         """Publish a state with walls at these places [m], wait until it is taken."""
@@ -201,7 +195,7 @@ def test_nothing_is_drawn_without_subscribers(graph, named):
 def test_joints_of_another_chain_are_rejected(stage):
     other = NamedChain(stage.named.chain, tuple('abcdefgh'))
     angles = stage.named.chain.uniform_state(1)
-    stage.joints.publish(frame_to_msg(other, Frame(angles, None), angles, Time()))
+    stage.joints.publish(frame_of(other, angles))
     stage.graph.until(lambda: stage.node.diagnostics.rejected, 'a refusal')
     assert stage.move(angles)
 
@@ -211,9 +205,7 @@ def test_frames_in_two_messages_are_drawn_whole(stage):
     stamps = count(1)
 
     def is_whole() -> bool:
-        stamp = Time(sec=next(stamps))
-        frame = frame_to_msg(stage.named, Frame(angles, angles), angles, stamp)
-        for half in halves(frame):
+        for half in halves(frame_of(stage.named, angles, next(stamps), angles)):
             stage.joints.publish(half)
         return np.array_equal(observed.angles, angles)
 

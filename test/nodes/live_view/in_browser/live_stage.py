@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 from graphs import Graph
+from joint_frames import frame_of
 from programs import LONGEST_WAIT, until
 from rclpy.publisher import Publisher
 from rclpy.service import Service
@@ -18,14 +19,8 @@ from rclpy.timer import Timer
 from sensor_msgs.msg import JointState
 
 from soliton_linkage.linkage.chain import Chain
-from soliton_linkage_nodes.messages.conversions import (
-    Frame,
-    NamedChain,
-    default_joint_names,
-    frame_to_msg,
-)
+from soliton_linkage_nodes.messages.conversions import NamedChain, default_joint_names
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.stamps import time_to_msg
 from soliton_linkage_nodes.simulator.node import Simulator
 from soliton_linkage_nodes.soliton_steering.node import SolitonSteering
 
@@ -301,7 +296,4 @@ class Rig:
         self.second += 1
         named = NamedChain(Chain(number_of_rotors=self._rotors), default_joint_names(self._rotors))
         angles = named.chain.uniform_state(1)
-        frame = Frame(angles, 0 * angles)
-        self.joints.publish(
-            frame_to_msg(named, frame, 0 * angles, time_to_msg(self.second * 10**8))
-        )
+        self.joints.publish(frame_of(named, angles, self.second * 10**8, 0 * angles))

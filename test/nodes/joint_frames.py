@@ -1,12 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Frames whose joints are divided among several messages, as several boards send them."""
+"""Frames of a chain, whole or divided among several messages, as several boards send them."""
 
 from collections.abc import Sequence
 
+import numpy as np
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
+from soliton_linkage.linkage.chain import Array
+from soliton_linkage_nodes.messages.conversions import Frame, NamedChain, frame_to_msg
 from soliton_linkage_nodes.runtime.stamps import time_from_msg, time_to_msg
+
+
+def frame_of(
+    named: NamedChain, angles: Array, stamp: int = 0, rates: Array | None = None
+) -> JointState:
+    """A frame at a stamp [ns] whose joints have no efforts."""
+    return frame_to_msg(named, Frame(angles, rates), np.zeros_like(angles), time_to_msg(stamp))
 
 
 def part(frame: JointState, joints: Sequence[int], later: int = 0) -> JointState:
