@@ -8,8 +8,6 @@ from typing import Any
 import numpy as np
 from graphs import Graph, values
 from joint_frames import frame_of
-from rcl_interfaces.srv import SetParameters
-from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
@@ -79,11 +77,7 @@ class Bench:
 
     def set(self, name: str, value: Any) -> bool:
         """Set a parameter, and return whether that was allowed."""
-        change = Parameter(name, value=value).to_parameter_msg()
-        response = self.graph.call(
-            SetParameters, 'edge_actuator/set_parameters', parameters=[change]
-        )
-        return bool(response.results[0].successful)
+        return bool(self.graph.change('edge_actuator', {name: value})[0].successful)
 
     def next_impulses(self) -> Array:
         """Return the angular impulse of each rotor of the one message that comes."""

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.srv import SetParameters
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -124,6 +125,11 @@ class Graph:
             success = getattr(response, 'success', getattr(response, 'paused', True))
             return Trigger.Response(success=success)
         return response
+
+    def change(self, node: str, values: Mapping[str, Any]) -> list[Any]:
+        """Return what a node answers to changes of its parameters, one answer for each."""
+        changes = [Parameter(name, value=each).to_parameter_msg() for name, each in values.items()]
+        return list(self.call(SetParameters, f'{node}/set_parameters', parameters=changes).results)
 
     def reports(self, node: str) -> list[Any]:
         """Return a list to which every diagnostic status of a node is added."""

@@ -6,8 +6,6 @@ from typing import Any
 
 import numpy as np
 from graphs import Graph
-from rcl_interfaces.srv import SetParameters
-from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool
 
@@ -148,12 +146,8 @@ class Paused(Stream):
         assert self.pause().success
 
     def change(self, **changes: Any) -> Any:
-        parameters = [
-            Parameter(name.replace('__', '.'), value=value).to_parameter_msg()
-            for name, value in changes.items()
-        ]
-        service = 'simulator/set_parameters'
-        return self.graph.call(SetParameters, service, parameters=parameters).results[0]
+        values = {name.replace('__', '.'): value for name, value in changes.items()}
+        return self.graph.change('simulator', values)[0]
 
     def taken(self, periods: int) -> list[JointState]:
         """Return the frames of so many steps."""

@@ -5,8 +5,6 @@ import time
 from typing import Any
 
 from graphs import values
-from rcl_interfaces.srv import SetParameters
-from rclpy.parameter import Parameter
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
@@ -94,8 +92,7 @@ def test_an_invalid_parameter_is_rejected_with_the_reason(graph):
         ('speed', 'could not answer clumsy/set_parameters: IndexError'),
         ('sped', "parameter 'sped' of clumsy is unknown; did you mean 'speed'?"),
     ):
-        change = Parameter(name, value=2.0).to_parameter_msg()
-        (result,) = graph.call(SetParameters, 'clumsy/set_parameters', parameters=[change]).results
+        (result,) = graph.change('clumsy', {name: 2.0})
         assert not result.successful
         assert reason in result.reason
 

@@ -16,7 +16,6 @@ from graphs import Graph
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterType, ParameterValue, SetParametersResult
 from rcl_interfaces.srv import DescribeParameters, ListParameters, SetParameters
-from rclpy.parameter import Parameter
 
 from soliton_linkage.linkage.quantities import quantity
 from soliton_linkage_nodes import start
@@ -60,12 +59,7 @@ class Declarer(GuardedNode):
 
 def change(graph: Graph, **values: Any) -> list[SetParametersResult]:
     """Return what the declarer answers to changes of its parameters."""
-    changes = [
-        Parameter(f'group.{name}', value=value).to_parameter_msg()
-        for name, value in values.items()
-    ]
-    answer = graph.call(SetParameters, 'declarer/set_parameters', parameters=changes)
-    return list(answer.results)
+    return graph.change('declarer', {f'group.{name}': value for name, value in values.items()})
 
 
 def section(node: str) -> str:

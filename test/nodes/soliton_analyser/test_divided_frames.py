@@ -7,12 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from graphs import Graph, values
-from joint_frames import frame_of, halves, part
+from joint_frames import PERIOD, halves, kicked_frames, part
 from recordings import START, analysed_states, write_bag
 from sensor_msgs.msg import JointState
 
-from soliton_linkage.dynamics.elastic import simulate
-from soliton_linkage.linear.rigidity import mode_towards_last
 from soliton_linkage_msgs.msg import SolitonState
 from soliton_linkage_nodes.bags.player import BagPlayer
 from soliton_linkage_nodes.bags.reading import open_bag
@@ -20,23 +18,16 @@ from soliton_linkage_nodes.messages.conversions import NamedChain, chain_to_msg
 from soliton_linkage_nodes.messages.state_conversions import state_to_msg
 from soliton_linkage_nodes.programs.bag_analysis import analyse_frames
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.stamps import time_from_msg, time_to_msg
+from soliton_linkage_nodes.runtime.stamps import SECOND, time_from_msg, time_to_msg
 from soliton_linkage_nodes.soliton_analyser.node import SolitonAnalyser
 
-PERIOD = 20 * 10**6
 FRAMES = 120
 
 
 @pytest.fixture
 def frames(named):
     """A wall that leaves the edge."""
-    start = named.chain.uniform_state(-1)
-    kick = 10 * mode_towards_last(named.chain, start)
-    record = simulate(named.chain, start, kick, PERIOD * 1e-9 * (FRAMES - 1), PERIOD * 1e-9)
-    return [
-        frame_of(named, angles, START + number * PERIOD, rates)
-        for number, (angles, rates) in enumerate(zip(record.angles, record.rates, strict=True))
-    ]
+    return kicked_frames(named, 10.0, (FRAMES - 1) * PERIOD / SECOND)
 
 
 def expected(named: NamedChain, frames: Sequence[JointState]) -> list[SolitonState]:

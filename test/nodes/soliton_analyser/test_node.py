@@ -15,13 +15,11 @@ from typing import Any
 import numpy as np
 import pytest
 from graphs import Graph, values
-from joint_frames import frame_of
+from joint_frames import PERIOD, frame_of, kicked_frames
 from rclpy.serialization import serialize_message
 from recordings import analysed_states
 from sensor_msgs.msg import JointState
 
-from soliton_linkage.dynamics.elastic import simulate
-from soliton_linkage.linear.rigidity import Edge, edge_mode
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage_nodes.messages.conversions import (
     NamedChain,
@@ -37,23 +35,11 @@ CHAINS = {
     'wobbler': (Chain(number_of_rotors=12, rotor_length=0.1, rest_angle=0.77), 4.0),
     'spinner': (Chain(number_of_rotors=16, rotor_length=0.2, rest_angle=1.18), 12.5),
 }
-PERIOD = 20 * 10**6
 EVERY_FRAME = {'longest_lag': 0.0}
 
 
 def named_chain(chain: Chain) -> NamedChain:
     return NamedChain(chain, default_joint_names(chain.number_of_rotors))
-
-
-def frames_of(named: NamedChain, speed: float, duration: float = 2.0) -> list[JointState]:
-    """The frames of a chain that was kicked at its first edge."""
-    chain = named.chain
-    rest = chain.uniform_state(-1)
-    moved = simulate(chain, rest, speed * edge_mode(chain, rest, Edge.FIRST), duration, 0.02)
-    return [
-        frame_of(named, angles, 7 * 10**9 + number * PERIOD, rates)
-        for number, (angles, rates) in enumerate(zip(moved.angles, moved.rates, strict=True))
-    ]
 
 
 def tell_chain(graph: Graph, named: NamedChain) -> None:
@@ -106,7 +92,7 @@ def assert_same(states: Sequence[Any], named: NamedChain, frames: Sequence[Joint
 def test_every_frame_gets_its_solitons_under_its_own_header(graph):
     chain, speed = CHAINS['wobbler']
     named = named_chain(chain)
-    frames = frames_of(named, speed)
+    frames = kicked_frames(named, speed)
     states = Analysed(graph, named).analyse(frames)
     assert_same(states, named, frames)
     assert states[0].solitons == []
@@ -126,7 +112,7 @@ def test_no_soliton_is_an_empty_list(graph, named):
 def test_frames_that_come_before_the_chain_are_analysed_once_it_is_known(graph):
     chain, speed = CHAINS['flipper']
     named = named_chain(chain)
-    analysed, frames = Analysed(graph, None), frames_of(named, speed)
+    analysed, frames = Analysed(graph, None), kicked_frames(named, speed)
     analysed.publish(*frames)
     report = analysed.report(
         'waiting for the topic chain; if no node publishes it, set chain_from to parameters or '
@@ -216,7 +202,7 @@ def test_a_frame_of_any_numbers_is_analysed(graph):
 def test_a_report_has_rate_and_number_of_solitons(graph, named):
     analysed = Analysed(graph, named)
     analysed.report('waiting for joint_states')
-    analysed.publish(frames_of(named, 10.0)[20])
+    analysed.publish(kicked_frames(named, 10.0)[20])
     figures = values(analysed.report('1 solitons, acquired'))
     assert len(analysed.states) == 1
     assert (figures['frames'], figures['solitons'], figures['subscribers']) == ('1', '1', '1')
@@ -225,7 +211,7 @@ def test_a_report_has_rate_and_number_of_solitons(graph, named):
 
 def test_a_parameter_maps_joints_to_rotors(graph, named):
     own = {'joint_names': [f'wheel_{7 - rotor}' for rotor in range(8)]}
-    frames = frames_of(named, 10.0)
+    frames = kicked_frames(named, 10.0)
     turned = [
         JointState(
             header=frame.header,
@@ -246,7 +232,7 @@ def test_joints_that_do_not_fit_the_chain_are_reported(graph, named):
 def test_without_a_chain_the_angles_alone_give_the_motion(graph, named):
     chain, speed = CHAINS['spinner']
     analysed = Analysed(graph, None, {'chain_from': 'nowhere'})
-    states = analysed.analyse(frames_of(named_chain(chain), speed))
+    states = analysed.analyse(kicked_frames(named_chain(chain), speed))
     assert states[-1].motion_name == 'spinner'
     assert states[-1].measured_motion == states[-1].motion
     assert states[-1].measured_motion_confidence > 0.99
@@ -256,7 +242,7 @@ def test_without_a_chain_the_angles_alone_give_the_motion(graph, named):
 
 
 def test_late_frames_get_no_state_and_are_counted(graph, named):
-    analysed, frames = Analysed(graph, named), frames_of(named, 10.0)[:10]
+    analysed, frames = Analysed(graph, named), kicked_frames(named, 10.0)[:10]
     analysed.publish(*frames, frames[4], frames[9])
     analysed.reported('late frames', '2')
     assert [state.header for state in analysed.states] == [frame.header for frame in frames]
@@ -268,7 +254,7 @@ def test_late_frames_get_no_state_and_are_counted(graph, named):
 def test_missing_rotors_are_reported(graph, spoiled, said):
     chain, speed = CHAINS['flipper']
     named = named_chain(chain)
-    frames = frames_of(named, speed)[:60]
+    frames = kicked_frames(named, speed)[:60]
     for frame in frames[: 60 * spoiled]:
         frame.position[5] = math.nan
     analysed = Analysed(graph, named)
@@ -298,7 +284,7 @@ def test_a_second_chain_is_ignored_until_the_first_publisher_ends(graph, said):
 def test_offsets_of_encoders_are_reported(graph):
     chain, speed = CHAINS['flipper']
     named = named_chain(chain)
-    frames = frames_of(named, speed, 8.0)
+    frames = kicked_frames(named, speed, 8.0)
     for frame in frames:
         frame.position[5] += 0.2
     analysed = Analysed(graph, named)
@@ -309,7 +295,7 @@ def test_offsets_of_encoders_are_reported(graph):
 
 
 def test_wrong_joint_states_are_rejected_and_valid_ones_analysed_as_before(graph, named):
-    analysed, frames = Analysed(graph, named), frames_of(named, 10.0)[60:62]
+    analysed, frames = Analysed(graph, named), kicked_frames(named, 10.0)[60:62]
     foreign = copy.deepcopy(frames[0])
     foreign.name = [f'wheel_{n}' for n in range(8)]
     none = "has none of the 8 rotors, such as 'rotor_0'; set the parameter joint_names"
@@ -345,7 +331,7 @@ def test_angles_that_do_not_fit_the_chain_are_reported(graph, name, changes, war
     chain, speed = CHAINS[name]
     stated = dataclasses.replace(CHAINS['flipper'][0], **(changes or {}))
     analysed = Analysed(graph, named_chain(stated))
-    analysed.publish(*frames_of(named_chain(chain), speed))
+    analysed.publish(*kicked_frames(named_chain(chain), speed))
     report = analysed.report(warning)
     assert report.level == report.WARN
     assert remedy in report.message
