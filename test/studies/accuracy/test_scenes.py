@@ -12,7 +12,8 @@ from soliton_linkage.linear.bands import speed_of_sound
 from soliton_linkage.orbit.deviating_orbit import orbit_of
 from soliton_linkage.solitons.tanh_fit import find_solitons
 from soliton_linkage_studies.accuracy.cells import AccuracyCell
-from soliton_linkage_studies.accuracy.scenes import averages_and_slopes, frames_beside, scene_of
+from soliton_linkage_studies.accuracy.scenes import frames_beside, scene_of
+from soliton_linkage_studies.accuracy.walls import averages_and_slopes
 
 FRAMES = 60
 CHAIN_OF = {example: chain_of(example, 12) for example in CLASSES}

@@ -21,8 +21,8 @@ from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
 from scipy.optimize import brentq
 
 from soliton_linkage.compiling import compiled, const_f8_1d, const_f8_2d, f8, f8_1d, i8
-from soliton_linkage.linear.bands import couplings, penetration_depth
-from soliton_linkage.linear.rigidity import mode_towards_last, rigidity_bands
+from soliton_linkage.linear.bands import penetration_depth
+from soliton_linkage.linear.rigidity import mode_towards_last, rigidity_bands, zero_mode
 from soliton_linkage.linkage.chain import Array, Chain, Motion, wrapped
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
 from soliton_linkage.orbit.orbit import Orbit, OrbitSegment, PiecewiseCubic
@@ -188,10 +188,8 @@ class _ShortOrbit:
         self._chain = chain
         middle = (chain.number_of_rotors - 1) / 2
         self.walls = [static_wall(chain, middle, leg) for leg in range(legs)]
-        self._scale = 1 / max(map(abs, couplings(chain)))
-        self._signs = (-1.0) ** np.arange(chain.number_of_rotors)
-        if mode_towards_last(chain, self.walls[0]) @ self._tangent(self.walls[0]) < 0:
-            self._signs *= -1
+        forwards = mode_towards_last(chain, self.walls[0]) @ zero_mode(chain, self.walls[0])
+        self._sense = math.copysign(1.0, forwards)
         pieces = self._pieces()
         ends = np.cumsum([piece.arcs[-1] for piece in pieces])
         self.middles: list[float] = [0.0, *ends.tolist()]
@@ -248,31 +246,7 @@ class _ShortOrbit:
         return PiecewiseCubic(CubicSpline(without[first:], distances[first:], bc_type=ends))
 
     def _tangent(self, angles: Array) -> Array:
-        """Return the unit zero mode in the direction of the orbit [1], shape (N,).
-
-        The zero mode is proportional to (-1)^n prod_{j < n} A_j prod_{j >= n} B_j with the levers
-        A and B of `rigidity_bands`. They are divided by the largest lever in the uniform state, so
-        that the products rarely overflow.
-        """
-        first, second = rigidity_bands(self._chain, angles)
-        mode = self._signs.copy()
-        with np.errstate(over='ignore', invalid='ignore'):
-            mode[1:] *= np.cumprod(self._scale * first)
-            mode[:-1] *= np.cumprod(self._scale * second[::-1])[::-1]
-            square = float(mode @ mode)
-        if not 0 < square < math.inf:
-            return self._logarithmic_tangent(first, second)
-        return np.asarray(mode / math.sqrt(square))
-
-    def _logarithmic_tangent(self, first: Array, second: Array) -> Array:
-        signs, logarithms = self._signs.copy(), np.zeros(len(self._signs))
-        with np.errstate(divide='ignore'):
-            logarithms[1:] += np.cumsum(np.log(np.abs(first)))
-            logarithms[:-1] += np.cumsum(np.log(np.abs(second[::-1])))[::-1]
-        signs[1:] *= np.cumprod(np.sign(first))
-        signs[:-1] *= np.cumprod(np.sign(second[::-1]))[::-1]
-        mode = signs * np.exp(logarithms - logarithms.max())
-        return np.asarray(mode / math.sqrt(mode @ mode))
+        return self._sense * zero_mode(self._chain, angles)
 
     def _pieces(self) -> list[_HalfLegs]:
         """Return the pieces of the orbit in order; each ends in the middle of the next leg.

@@ -11,35 +11,31 @@ no fit extends across an impulse.
 Scenes with a single wall use a cubic instead of the line in three cases: walls so slow that their
 speed varies between rotors, cells with `AccuracyCell.damping`, and chains with force terms. Force
 terms are all torques of a `Chain` other than the spring torques, such as `Chain.damping`, friction
-or motors. `AccuracyCell.damping` is no force term, because `Springs` multiplies the rates by the
-decay instead. No cell has several walls and force terms. `averages_and_slopes` describes how force
-terms change averages and slopes.
+or motors. No cell has several walls and force terms. `walls.averages_and_slopes` describes how
+force terms change averages and slopes.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from itertools import pairwise
 
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
-from scipy.signal import savgol_coeffs
 
+from soliton_linkage.dynamics.elastic import ElasticSimulation
+from soliton_linkage.dynamics.terms import of_chain
 from soliton_linkage.linear.bands import gap, speed_of_sound
 from soliton_linkage.linear.rigidity import mode_towards_last
-from soliton_linkage.linkage.chain import Array, Motion
+from soliton_linkage.linkage.chain import Array, Chain, Motion
 from soliton_linkage.linkage.deviations import drawn_deviations
 from soliton_linkage.orbit.deviating_orbit import orbit_of
 from soliton_linkage.orbit.orbit import Orbit
 from soliton_linkage.solitons.static_wall import static_wall
 from soliton_linkage_studies.accuracy import walls
 from soliton_linkage_studies.accuracy.cells import AccuracyCell
-from soliton_linkage_studies.accuracy.springs import ForcedSprings, Springs, springs_of
 
 _SLOW = 0.25
 """A wall is slow if it moves by less than this in a period of the slowest phonon [spacings]."""
@@ -58,15 +54,9 @@ search for the orbit point of the initial uniform state begins at the nearest of
 _LEGS = 2.0
 """Longest random path between the kick of a wall with `AccuracyCell.nudged` and the start of the
 scene [edge-to-edge passages]."""
-_WINDOWS, _FORCED_WINDOWS = 3, 6
-"""Length of the window for the fit of a slope, divided by the length of the averaging window [1].
-The second value is for chains with force terms."""
 _PERIOD_SHARE = 1 / 16
 """Longest averaging time, divided by the oscillation period of an anti-kink in a well [1]. The
 fitted slope then is the velocity with an error of 4 %."""
-_STOPPED = 0.02
-"""With force terms, a wall counts as stopped if its speed is below this fraction of its largest
-speed [1]."""
 _CHAINS = 200
 """Largest number of random chains that are tried to find one that a wall can pass [1]."""
 _IMPULSE_REACH = 1.5
@@ -123,10 +113,10 @@ def scene_of(cell: AccuracyCell, frames: int, random: Generator) -> WallScene:
     if cell.kick:
         angles = chain.uniform_state(-1)
         rates = cell.kick / chain.time_unit * mode_towards_last(chain, angles)
-        springs = springs_of(chain, angles, rates, cell.period * chain.time_unit)
+        simulation = _simulation(cell, chain, angles, rates)
         for _ in range(int(random.integers(*_SETTLED))):
-            springs.advance()
-        motion = springs.record(frames)
+            simulation.advance()
+        motion = simulation.record((frames - 1) * simulation.period)
         return _without_walls(motion.angles, np.asarray(chain.kinetic_energy(motion.rates)))
     if cell.walls > 1:
         return _several_walls(cell, frames, random)
@@ -150,69 +140,11 @@ def frames_beside(speed: float, cell: AccuracyCell, barrier_speed: float = 0.0) 
     return max(round(time / (cell.period * cell.chain.time_unit) / 2), 1)
 
 
-def averages_and_slopes(
-    values: Array,
-    beside: int,
-    breaks: Sequence[int] = (),
-    cubic: bool = False,
-    forced: bool = False,
-) -> tuple[Array, Array]:
-    """Return a moving average and a slope for each value.
-
-    The average is over 2 b + 1 values around each index, with b = `beside`. The slope is the slope
-    of a line, or of a cubic if `cubic` is true, that is fitted to 3 b values before and 3 b values
-    after the index. No average and no fit extends across an index in `breaks`.
-
-    `forced`, which requires `cubic`, is for chains with force terms. The fit then extends over 6 b
-    values before and after the index. If the second derivative of the cubic is x'', the average is
-    too large by x'' b (b + 1) / 6; this error is subtracted. If the wall starts or stops within
-    the fit, the average is replaced by the value itself, and the slope by half the difference of
-    both neighbours. The wall counts as stopped at values whose slope is below 2 % of the largest
-    slope.
-    """
-    means, slopes = np.empty_like(values), np.empty_like(values)
-    for begin, end in pairwise([0, *breaks, len(values)]):
-        if end > begin:
-            piece = values[begin:end]
-            about = min(beside, len(piece) - 1)
-            wide = min((_FORCED_WINDOWS if forced else _WINDOWS) * beside, len(piece) - 1)
-            means[begin:end] = _convolved(piece, np.full(2 * about + 1, 1 / (2 * about + 1)))
-            order = min(3 if cubic else 1, max(2 * wide - 1, 0))
-            weights = savgol_coeffs(2 * wide + 1, order, deriv=1, use='dot')
-            slopes[begin:end] = _convolved(piece, weights)
-            if forced:
-                curvature = savgol_coeffs(2 * wide + 1, order, deriv=2, use='dot')
-                means[begin:end] -= _convolved(piece, curvature) * about * (about + 1) / 6
-                near, differences = _near_stop(piece, wide)
-                means[begin:end][near] = piece[near]
-                slopes[begin:end][near] = differences[near]
-    return means, slopes
-
-
-def _near_stop(values: Array, beside: int) -> tuple[NDArray[np.bool_], Array]:
-    differences = np.gradient(values)
-    still = np.abs(differences) < _STOPPED * np.abs(differences).max()
-    window = 2 * beside + 1
-    stopped = still.astype(np.float64)
-    changes = minimum_filter1d(stopped, window) < maximum_filter1d(stopped, window)
-    return changes, differences
-
-
-def _convolved(values: Array, weights: Array) -> Array:
-    beside = len(weights) // 2
-    if not beside:
-        return np.asarray(weights[0] * values)
-    before = 2 * values[0] - values[beside:0:-1]
-    after = 2 * values[-1] - values[-2 : -beside - 2 : -1]
-    padded = np.concatenate([before, values, after])
-    return np.convolve(padded, weights[::-1], 'valid')
-
-
 @dataclass(frozen=True)
 class _Start:
     """Initial state of a scene with a single wall."""
 
-    springs: Springs
+    simulation: ElasticSimulation
     """Simulation at the start of the scene; its chain includes the random deviations."""
     orbit: Orbit
     arc: float
@@ -223,13 +155,13 @@ class _Start:
 
 def _single_wall(cell: AccuracyCell, frames: int, random: Generator) -> WallScene:
     start = _started(cell, random)
-    springs, orbit = start.springs, start.orbit
+    simulation, orbit = start.simulation, start.orbit
     chain, last = cell.chain, cell.chain.number_of_rotors - 1
-    springs.rates += cell.phonons / chain.time_unit * random.standard_normal(last + 1)
+    _excite(simulation, cell, random)
     beside = frames_beside(start.speed, cell)
     # A force changes the speed within the fit, so that the slope of a fitted line would be wrong.
-    forced = isinstance(springs, ForcedSprings)
-    margin = (_FORCED_WINDOWS if forced else _WINDOWS) * beside
+    forced = bool(of_chain(chain)) or chain.feedback.acts
+    margin = (walls.FORCED_WINDOWS if forced else walls.WINDOWS) * beside
     total = frames + 2 * margin
     count = math.ceil(total / cell.impulse_interval) if cell.impulse_interval else 0
     at = sorted(random.choice(np.arange(1, total - 1), count, replace=False).tolist())
@@ -237,22 +169,21 @@ def _single_wall(cell: AccuracyCell, frames: int, random: Generator) -> WallScen
     kinetic: list[float] = []
     raw: list[float] = []
     impulses: list[Array] = []
-    damping = np.full(last + 1, cell.damping / chain.time_unit) if cell.damping else None
     for frame in range(total):
         if frame:
-            springs.advance(damping)
+            simulation.advance()
         guess = 2 * raw[-1] - raw[-2] if frame > 1 else raw[0] if frame else start.arc
-        arc = walls.nearest_arc(orbit, springs.angles, guess)
+        arc = walls.nearest_arc(orbit, simulation.angles, guess)
         if frame in at:
             impulses.append(_apply_impulse(start, arc, cell.largest_impulse, random))
-        angles.append(springs.angles.copy())
-        kinetic.append(float(springs.chain.kinetic_energy(springs.rates)))
+        angles.append(simulation.angles)
+        kinetic.append(float(simulation.chain.kinetic_energy(simulation.rates)))
         raw.append(arc)
     slow = abs(start.speed) < _SLOW * gap(chain) / (2 * math.pi)
     cubic = slow or cell.damping > 0 or forced
-    means, slopes = averages_and_slopes(np.array(raw), beside, at, cubic, forced)
+    means, slopes = walls.averages_and_slopes(np.array(raw), beside, at, cubic, forced)
     kept = slice(margin, total - margin)
-    arcs, arc_rates = means[kept], slopes[kept] / springs.period
+    arcs, arc_rates = means[kept], slopes[kept] / simulation.period
     positions = np.array([orbit.site(arc) for arc in arcs])
     instants = np.array([orbit.site(arc) for arc in raw[kept]])
     legs = np.array([orbit.leg(arc) for arc in arcs])
@@ -280,8 +211,7 @@ def _single_wall(cell: AccuracyCell, frames: int, random: Generator) -> WallScen
 
 
 def _started(cell: AccuracyCell, random: Generator) -> _Start:
-    chain, period = cell.chain, cell.period * cell.chain.time_unit
-    orbit = _orbit(cell, random)
+    chain, orbit = cell.chain, _orbit(cell, random)
     last = chain.number_of_rotors - 1
     leg = int(random.integers(orbit.number_of_legs))
     sense = 1 if random.integers(2) else -1
@@ -289,20 +219,36 @@ def _started(cell: AccuracyCell, random: Generator) -> _Start:
     if not math.isnan(cell.start):
         arc = orbit.arc_at(cell.start, leg)
         wall_at_rest = static_wall(chain, cell.start, leg)
-        return _Start(springs_of(chain, wall_at_rest, np.zeros(last + 1), period), orbit, arc, 0.0)
+        simulation = _simulation(cell, chain, wall_at_rest, np.zeros(last + 1))
+        return _Start(simulation, orbit, arc, 0.0)
     if cell.nudged:
         return _nudged(cell, orbit, random)
     if cell.disorder:
         speed, arc = walls.launch_speed(chain, cell.speed), orbit.arc_at(position, leg)
         rates = sense * speed * orbit.site_arc * orbit.tangent(arc)
-        springs = springs_of(orbit.chain, orbit.configuration(arc), rates, period)
-        return _Start(springs, orbit, arc, speed)
+        simulation = _simulation(cell, orbit.chain, orbit.configuration(arc), rates)
+        return _Start(simulation, orbit, arc, speed)
     wall = walls.steady_wall(chain, leg if chain.motion is Motion.SPINNER else 0, cell.speed)
     shift = 2 * round((position - wall.position) / 2)
     arc = orbit.arc_at(wall.position + shift, leg)
     angles, rates = orbit.configuration(arc), np.zeros(last + 1)
     walls.add_motion(wall, shift, angles, rates, sense if leg % 2 == 0 else -sense)
-    return _Start(springs_of(chain, angles, rates, period), orbit, arc, wall.speed)
+    return _Start(_simulation(cell, chain, angles, rates), orbit, arc, wall.speed)
+
+
+def _simulation(
+    cell: AccuracyCell, chain: Chain, angles: Array, rates: Array
+) -> ElasticSimulation:
+    """Return the simulation of a chain with the frame period and the damping of a cell."""
+    damping = chain.damping + cell.damping * chain.moment_of_inertia / chain.time_unit
+    chain, period = replace(chain, damping=damping), cell.period * chain.time_unit
+    return ElasticSimulation(chain, angles, rates, period, walls.TOLERANCE)
+
+
+def _excite(simulation: ElasticSimulation, cell: AccuracyCell, random: Generator) -> None:
+    chain = simulation.chain
+    noise = random.standard_normal(chain.number_of_rotors)
+    simulation.kick(cell.phonons / chain.time_unit * chain.moments_of_inertia * noise)
 
 
 def _nudged(cell: AccuracyCell, orbit: Orbit, random: Generator) -> _Start:
@@ -311,15 +257,15 @@ def _nudged(cell: AccuracyCell, orbit: Orbit, random: Generator) -> _Start:
     angles = left if chain.motion is Motion.SPINNER else chain.uniform_state(-1)
     speed = walls.launch_speed(chain, cell.speed)
     rates = speed * orbit.site_arc * mode_towards_last(chain, angles)
-    springs = springs_of(chain, angles, rates, cell.period * chain.time_unit)
+    simulation = _simulation(cell, chain, angles, rates)
     sampled = np.linspace(-orbit.site_arc, orbit.arc_at(1.0, 0), _SAMPLES)
     apart = [np.cos(angles - orbit.configuration(arc)).sum() for arc in sampled]
     arcs = [walls.nearest_arc(orbit, angles, float(sampled[int(np.argmax(apart))]))] * 2
-    leg = (chain.number_of_rotors - 1) / (speed * springs.period)
+    leg = (chain.number_of_rotors - 1) / (speed * simulation.period)
     for _ in range(int(random.uniform(0.0, _LEGS) * leg)):
-        springs.advance()
-        arcs = [arcs[1], walls.nearest_arc(orbit, springs.angles, 2 * arcs[1] - arcs[0])]
-    return _Start(springs, orbit, arcs[1], speed)
+        simulation.advance()
+        arcs = [arcs[1], walls.nearest_arc(orbit, simulation.angles, 2 * arcs[1] - arcs[0])]
+    return _Start(simulation, orbit, arcs[1], speed)
 
 
 def _apply_impulse(start: _Start, arc: float, largest: float, random: Generator) -> Array:
@@ -327,8 +273,9 @@ def _apply_impulse(start: _Start, arc: float, largest: float, random: Generator)
     near = np.abs(np.arange(orbit.chain.number_of_rotors) - orbit.site(arc)) < _IMPULSE_REACH
     change = start.speed * random.uniform(-largest, largest)
     rates = near * orbit.tangent(arc) * orbit.site_arc * change
-    start.springs.rates += rates
-    return np.asarray(orbit.chain.moments_of_inertia * rates)
+    impulse = np.asarray(orbit.chain.moments_of_inertia * rates)
+    start.simulation.kick(impulse)
+    return impulse
 
 
 def _orbit(cell: AccuracyCell, random: Generator) -> Orbit:
@@ -356,8 +303,7 @@ def _several_walls(cell: AccuracyCell, frames: int, random: Generator) -> WallSc
         begins = 1 if random.integers(2) else -1
         charges = tuple(begins * (-1) ** number for number in range(cell.walls))
         moving = _placed(cell, charges, _SLOWER**draw, random)
-        noise = random.standard_normal(cell.chain.number_of_rotors)
-        moving.springs.rates += cell.phonons / cell.chain.time_unit * noise
+        _excite(moving.simulation, cell, random)
         scene = _followed(cell, frames, charges, moving)
         if len(scene.angles) >= min(_FEWEST, frames):
             return scene
@@ -368,7 +314,7 @@ def _several_walls(cell: AccuracyCell, frames: int, random: Generator) -> WallSc
 
 @dataclass(frozen=True)
 class _MovingWalls:
-    springs: Springs
+    simulation: ElasticSimulation
     paths: list[walls.WallPath]
     positions: list[float]
     speeds: list[float]
@@ -403,14 +349,14 @@ def _placed(
         paths.append(path)
         positions.append(position)
         speeds.append(speed)
-    springs = springs_of(chain, angles, rates, cell.period * chain.time_unit)
-    return _MovingWalls(springs, paths, positions, speeds)
+    simulation = _simulation(cell, chain, angles, rates)
+    return _MovingWalls(simulation, paths, positions, speeds)
 
 
 def _followed(
     cell: AccuracyCell, frames: int, charges: tuple[int, ...], moving: _MovingWalls
 ) -> WallScene:
-    chain, near, springs = cell.chain, walls.reach(cell.chain), moving.springs
+    chain, near, simulation = cell.chain, walls.reach(cell.chain), moving.simulation
     last = chain.number_of_rotors - 1
     angles: list[Array] = []
     kinetic: list[float] = []
@@ -418,17 +364,17 @@ def _followed(
     positions = moving.positions
     for frame in range(frames):
         if frame:
-            springs.advance()
+            simulation.advance()
         guesses = positions if len(raw) < 2 else (2 * raw[-1] - raw[-2]).tolist()
         both = zip(moving.paths, guesses, strict=True)
-        positions = [path.nearest(springs.angles, guess, near) for path, guess in both]
+        positions = [path.nearest(simulation.angles, guess, near) for path, guess in both]
         apart = np.diff([-near, *positions, last + near])
         both = zip(moving.paths, positions, strict=True)
-        broken = any(walls.is_broken(path, chain, springs.angles, x, _CORE) for path, x in both)
+        broken = any(walls.is_broken(path, chain, simulation.angles, x, _CORE) for path, x in both)
         if broken or apart.min() < 2 * near:
             break
-        angles.append(springs.angles.copy())
-        kinetic.append(float(chain.kinetic_energy(springs.rates)))
+        angles.append(simulation.angles)
+        kinetic.append(float(chain.kinetic_energy(simulation.rates)))
         raw.append(np.array(positions))
     track = np.array(raw).reshape(-1, len(charges))
     beside = [
@@ -436,14 +382,15 @@ def _followed(
         for speed, path in zip(moving.speeds, moving.paths, strict=True)
     ]
     means = [
-        averages_and_slopes(column, count) for column, count in zip(track.T, beside, strict=True)
+        walls.averages_and_slopes(column, count)
+        for column, count in zip(track.T, beside, strict=True)
     ]
     return WallScene(
         angles=np.array(angles),
         kinetic=np.array(kinetic),
         positions=np.stack([mean for mean, _ in means], axis=1),
         instants=track,
-        site_rates=np.stack([slope / springs.period for _, slope in means], axis=1),
+        site_rates=np.stack([slope / simulation.period for _, slope in means], axis=1),
         charges=charges,
         legs=np.full(len(angles), -1),
         scored=np.ones(track.shape, dtype=bool),

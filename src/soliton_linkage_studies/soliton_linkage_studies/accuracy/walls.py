@@ -13,12 +13,18 @@ The time unit is `Chain.time_unit`, sqrt(M / k_e).
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
+from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
+from scipy.signal import savgol_coeffs
 
+from soliton_linkage.dynamics.elastic import ElasticSimulation
 from soliton_linkage.linear.bands import penetration_depth, speed_of_sound
 from soliton_linkage.linkage.chain import Array, Chain, Motion, wrapped
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
@@ -30,8 +36,15 @@ from soliton_linkage.solitons.anti_kink import (
     resting_anti_kink,
 )
 from soliton_linkage.solitons.static_wall import static_wall
-from soliton_linkage_studies.accuracy.springs import Springs
 
+TOLERANCE = 1e-8
+"""Largest integration error of an angle per time unit [rad], far below the noise."""
+WINDOWS, FORCED_WINDOWS = 3, 6
+"""Length of the window for the fit of a slope, divided by the length of the averaging window [1].
+The second value is for chains with force terms."""
+_STOPPED = 0.02
+"""With force terms, a wall counts as stopped if its speed is below this fraction of its largest
+speed [1]."""
 _SAMPLES = 65
 """Number of static walls over two spacings [1]; a spline interpolates them to 1e-6 rad."""
 _LONGEST = 0.3
@@ -208,7 +221,8 @@ _BROKEN = 0.15
 """A wall counts as broken if its misfit, divided by the angle by which a wall turns a rotor, is
 above this [1]."""
 _STEP = 0.5
-"""Interval between position measurements of a wall that is losing its phonons [time units]."""
+"""Interval between position measurements, and between absorptions, of a wall that is losing its
+phonons [time units]."""
 _SLOWER = 0.8
 """After a wall was destroyed, the initial speed is multiplied by this for the next try [1]."""
 _TRIES = 25
@@ -264,37 +278,40 @@ def _settled(chain: Chain, path: WallPath, speed: float) -> SteadyWall | None:
     shortest, longest = _SETTLING
     time = min(max(2 * near / (speed * unit), shortest), longest)
     rotors = math.ceil(6 * near + 1.3 * speed * unit * time)
-    long = replace(chain, number_of_rotors=rotors + rotors % 2)
+    lengths = chain.spacing, chain.rotor_length, chain.rest_angle
+    long = Chain(rotors + rotors % 2, *lengths, chain.mass, chain.stiffness)
     static = left_of(long, 1) + path.relative_angles(long.number_of_rotors, 3 * near)
     rates = speed * path.derivative(long.number_of_rotors, 3 * near)
-    springs = Springs(long, static, rates, _STEP * chain.time_unit)
-    track = _positions(springs, path, 3 * near, near, round(time / _STEP))
+    simulation = ElasticSimulation(long, static, rates, _STEP * chain.time_unit, TOLERANCE)
+    track = _positions(simulation, path, 3 * near, near, round(time / _STEP))
     if track is None:
         return None
     late = np.array(track[-len(track) // 3 :])
-    found = float(np.polyfit(np.arange(len(late)), late, 1)[0]) / springs.period
+    found = float(np.polyfit(np.arange(len(late)), late, 1)[0]) / simulation.period
     if found <= 0:
         return None
     first = 2 * (round(track[-1] - 1.5 * near) // 2)
     window = slice(first, first + 2 * round(1.5 * near) + 1)
     static = left_of(long, 1) + path.relative_angles(long.number_of_rotors, track[-1])
-    beside = wrapped(springs.angles - static)[window]
-    return SteadyWall(track[-1], first, beside, springs.rates[window].copy(), found)
+    beside = wrapped(simulation.angles - static)[window]
+    return SteadyWall(track[-1], first, beside, simulation.rates[window], found)
 
 
 def _positions(
-    springs: Springs, path: WallPath, position: float, near: float, frames: int
+    simulation: ElasticSimulation, path: WallPath, position: float, near: float, frames: int
 ) -> list[float] | None:
-    chain = springs.chain
+    chain = simulation.chain
     rotors = np.arange(chain.number_of_rotors)
+    absorbed = -math.expm1(-_ABSORPTION * _STEP) * chain.moments_of_inertia
     track = [position]
     for _ in range(frames):
-        springs.advance(_ABSORPTION / chain.time_unit * (np.abs(rotors - position) > near))
+        simulation.advance()
+        simulation.kick(-absorbed * (np.abs(rotors - position) > near) * simulation.rates)
         ahead = track[-1] - track[-2] if len(track) > 1 else 0.0
-        position = path.nearest(springs.angles, track[-1] + ahead, near)
+        position = path.nearest(simulation.angles, track[-1] + ahead, near)
         track.append(position)
         inside = near < position < chain.number_of_rotors - 1 - near
-        if not inside or is_broken(path, chain, springs.angles, position, near):
+        if not inside or is_broken(path, chain, simulation.angles, position, near):
             return None
     return track
 
@@ -322,3 +339,56 @@ def is_broken(path: WallPath, chain: Chain, angles: Array, position: float, with
     """Return whether the rotors nearer than `within` [spacings] to `position` form no wall."""
     swing = math.pi if chain.motion is Motion.SPINNER else 2 * chain.rest_angle
     return path.misfit(angles, position, within) > _BROKEN * swing
+
+
+def averages_and_slopes(
+    values: Array,
+    beside: int,
+    breaks: Sequence[int] = (),
+    cubic: bool = False,
+    forced: bool = False,
+) -> tuple[Array, Array]:
+    """Return a moving average and a slope for each value.
+
+    The average is over 2 b + 1 values around each index, with b = `beside`. The slope is the slope
+    of a line, or of a cubic if `cubic` is true, that is fitted to 3 b values before and 3 b values
+    after the index. No average and no fit extends across an index in `breaks`.
+
+    `forced`, which requires `cubic`, is for chains with force terms. The fit then extends over 6 b
+    values before and after the index. If the second derivative of the cubic is x'', the average is
+    too large by x'' b (b + 1) / 6; this error is subtracted. If the wall starts or stops within
+    the fit, the average is replaced by the value itself, and the slope by half the difference of
+    both neighbours. The wall counts as stopped at values whose slope is below 2 % of the largest
+    slope.
+    """
+    means, slopes = np.empty_like(values), np.empty_like(values)
+    for begin, end in pairwise([0, *breaks, len(values)]):
+        if end > begin:
+            piece = values[begin:end]
+            about = min(beside, len(piece) - 1)
+            wide = min((FORCED_WINDOWS if forced else WINDOWS) * beside, len(piece) - 1)
+            means[begin:end] = _convolved(piece, np.full(2 * about + 1, 1 / (2 * about + 1)))
+            order = min(3 if cubic else 1, max(2 * wide - 1, 0))
+            weights = savgol_coeffs(2 * wide + 1, order, deriv=1, use='dot')
+            slopes[begin:end] = _convolved(piece, weights)
+            if forced:
+                curvature = savgol_coeffs(2 * wide + 1, order, deriv=2, use='dot')
+                means[begin:end] -= _convolved(piece, curvature) * about * (about + 1) / 6
+                near, differences = _near_stop(piece, wide)
+                means[begin:end][near] = piece[near]
+                slopes[begin:end][near] = differences[near]
+    return means, slopes
+
+
+def _near_stop(values: Array, beside: int) -> tuple[NDArray[np.bool_], Array]:
+    differences = np.gradient(values)
+    still = np.abs(differences) < _STOPPED * np.abs(differences).max()
+    window = 2 * beside + 1
+    stopped = still.astype(np.float64)
+    changes = minimum_filter1d(stopped, window) < maximum_filter1d(stopped, window)
+    return changes, differences
+
+
+def _convolved(values: Array, weights: Array) -> Array:
+    padded = np.pad(values, len(weights) // 2, mode='reflect', reflect_type='odd')
+    return np.convolve(padded, weights[::-1], 'valid')

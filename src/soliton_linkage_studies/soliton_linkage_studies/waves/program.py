@@ -18,7 +18,7 @@ from scipy.optimize import brentq
 from soliton_linkage.dynamics.elastic import ElasticSimulation
 from soliton_linkage.estimation.analyser import Analyser
 from soliton_linkage.linear.bands import band_edges, dispersion
-from soliton_linkage.linear.statics import stiffness_matrix
+from soliton_linkage.linear.normal_modes import normal_modes
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.recording import Recording
 from soliton_linkage.solitons.static_wall import static_wall
@@ -179,17 +179,12 @@ class Spectrum:
 def spectrum(chain: Chain, site: float) -> Spectrum:
     """Return the small vibrations about a kink that rests at a site [rotor spacings].
 
-    The modes e obey K e = omega^2 I e with the stiffness matrix K and the moments of inertia I.
+    The modes e of `normal_modes` are scaled by the roots of the moments of inertia.
     """
     angles = static_wall(chain, site)
-    roots = np.sqrt(chain.moments_of_inertia)
-    matrix = stiffness_matrix(chain, angles).toarray() / np.outer(roots, roots)
-    squares, modes = np.linalg.eigh(matrix)
-    return Spectrum(
-        np.sqrt(np.maximum(squares, 0.0)),
-        1 / (modes**4).sum(axis=0),
-        float(chain.elastic_energy(angles)),
-    )
+    found = normal_modes(chain, angles)
+    participations = 1 / (chain.moments_of_inertia**2 @ found.shapes**4)
+    return Spectrum(found.frequencies, participations, float(chain.elastic_energy(angles)))
 
 
 _CAPTION = """
