@@ -54,7 +54,7 @@ setup(
     extras_require={
         'camera': ['soliton_linkage[camera]'],
         'cluster': ['distributed'],
-        'films': ['imageio-ffmpeg'],
+        'films': ['av'],
     },
     entry_points={
         'soliton_linkage.commands': [

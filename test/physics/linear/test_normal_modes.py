@@ -15,7 +15,6 @@ from mpmath import mp, mpf
 from soliton_linkage.dynamics.elastic import simulate
 from soliton_linkage.linear.bands import band_edges, dispersion
 from soliton_linkage.linear.normal_modes import (
-    mode_frequencies,
     normal_modes,
     phonon_energy,
 )
@@ -82,13 +81,10 @@ def test_the_frequencies_of_a_free_chain_have_their_closed_form(chain, lean):
     rotors = chain.number_of_rotors
     wave_numbers = np.pi * np.arange(1, rotors) / (rotors * chain.spacing)
     expected = np.concatenate([[0.0], np.sort(dispersion(chain, wave_numbers))])
-    for frequencies in (
-        normal_modes(chain, chain.uniform_state(lean)).frequencies,
-        mode_frequencies(chain, chain.uniform_state(lean)),
-    ):
-        assert frequencies == pytest.approx(expected, rel=0, abs=rounding(chain))
-        assert frequencies[0] == 0
-        assert (np.diff(frequencies) >= 0).all()
+    frequencies = normal_modes(chain, chain.uniform_state(lean)).frequencies
+    assert frequencies == pytest.approx(expected, rel=0, abs=rounding(chain))
+    assert frequencies[0] == 0
+    assert (np.diff(frequencies) >= 0).all()
 
 
 @given(any_chain(fewest=3, most=30), LEANS, st.sampled_from([-1, 1]))
@@ -123,7 +119,6 @@ def test_frequencies_have_the_digits_of_the_levers_down_to_rounding_of_the_large
         expected = np.array([0.0, *sorted(float(mp.sqrt(abs(square))) for square in squares)])
     limit = 32 * EPS * expected[-1]
     assert normal_modes(heavy, angles).frequencies == pytest.approx(expected, rel=0, abs=limit)
-    assert mode_frequencies(heavy, angles) == pytest.approx(expected, rel=0, abs=limit)
 
 
 @pytest.mark.parametrize(('chain', 'angles'), RELAXED)
@@ -213,7 +208,7 @@ def test_the_modes_of_a_long_chain_have_the_density_of_states():
     for example in EXAMPLES:
         chain = chain_of(example, 500)
         lowest, highest = band_edges(chain)
-        frequencies = mode_frequencies(chain, chain.uniform_state(-1))
+        frequencies = normal_modes(chain, chain.uniform_state(-1)).frequencies
         edges = np.linspace(lowest, highest, 12)
         edges[[0, -1]] = 0.9 * lowest, 1.1 * highest
         counts, _ = np.histogram(frequencies, edges)
@@ -237,18 +232,16 @@ def test_a_hundred_thousand_rotors_have_an_energy_of_phonons():
 def test_modes_about_stretched_springs_are_rejected():
     chain = chain_of(FLIPPER, 5)
     angles = chain.uniform_state(1) + 0.1 * np.eye(5)[2]
-    for function in (normal_modes, mode_frequencies):
-        with pytest.raises(ValueError, match=r'spring \d is stretched by .* more than 1e-06'):
-            function(chain, angles)
+    with pytest.raises(ValueError, match=r'spring \d is stretched by .* more than 1e-06'):
+        normal_modes(chain, angles)
 
 
 def test_angles_and_rates_that_do_not_fit_the_chain_are_rejected():
     chain = chain_of(FLIPPER, 5)
     angles, zeros = chain.uniform_state(1), np.zeros(5)
     for wrong in (zeros[:4], np.array([0, 0, np.nan, 0, 0])):
-        for function in (normal_modes, mode_frequencies):
-            with pytest.raises(ValueError, match='angle'):
-                function(chain, wrong)
+        with pytest.raises(ValueError, match='angle'):
+            normal_modes(chain, wrong)
         with pytest.raises(ValueError, match='angle'):
             phonon_energy(chain, wrong, zeros)
         with pytest.raises(ValueError, match='rate'):

@@ -25,6 +25,7 @@ from study_files import written
 from soliton_linkage.linear.bands import couplings, gap
 from soliton_linkage.linear.statics import stiffness_matrix
 from soliton_linkage.linkage.chain import Chain, Motion, staggered
+from soliton_linkage.vision.video import read_video
 from soliton_linkage_studies import program
 from soliton_linkage_studies.films import program as films_program
 from soliton_linkage_studies.films.cycle import (
@@ -36,7 +37,8 @@ from soliton_linkage_studies.films.cycle import (
 )
 from soliton_linkage_studies.films.insulator import CellScene, driven
 from soliton_linkage_studies.films.program import (
-    FileKind,
+    GIF,
+    MP4,
     Film,
     file_kind,
     main,
@@ -50,7 +52,6 @@ from soliton_linkage_studies.films.scenes import FILM_KINDS, STYLE, static_profi
 from soliton_linkage_studies.settings import load_settings
 
 CONFIG = Path(__file__).parents[3] / 'config/studies/films.yaml'
-GIF = FileKind('', 'a test')
 ALL = read_films(load_settings(CONFIG))
 NAMES = [film.name for film in ALL]
 
@@ -78,13 +79,11 @@ def changed(folder: Path, film: str | None = None, **values: object) -> Path:
     return written(content, folder)
 
 
-def frames_of(path: Path, ffmpeg: str, width: int, height: int) -> float:
+def frames_of(path: Path, width: int, height: int) -> int:
     """Return the number of decoded frames of a film, and check their size [pixels]."""
-    command = [ffmpeg, '-v', 'error', '-i', str(path)]
-    command += ['-f', 'rawvideo', '-pix_fmt', 'rgb24', '-fps_mode', 'passthrough', '-']
-    decoded = subprocess.run(command, capture_output=True, check=True, timeout=600)
-    assert decoded.stderr == b''
-    return len(decoded.stdout) / (3 * width * height)
+    shapes = [picture.shape for _, picture in read_video(path).pictures]
+    assert set(shapes) == {(height, width, 3)}
+    return len(shapes)
 
 
 def test_films_are_made_by_the_requested_number_of_processes(tmp_path, monkeypatch):
@@ -127,63 +126,46 @@ def test_a_quick_run_makes_nine_playable_films(tmp_path, capsys):
         film.update({key: 0.05 * film[key] for key in ('duration',) if key in film})
     config = written(content, tmp_path)
     assert main([str(config), '--output', str(output), '--quick', '--workers', '1']) == 0
-    kind = file_kind()
+    suffix, described = file_kind()
     captions = [output / f'{name}.txt' for name in NAMES]
     films = sorted(set(output.iterdir()) - set(captions))
-    assert [path.name for path in films] == [name + kind.suffix for name in NAMES]
+    assert [path.name for path in films] == [name + suffix for name in NAMES]
     for caption in captions:
         words = caption.read_text(encoding='utf-8')
         assert len(words.split()) > 20, caption
-    assert kind.reason in capsys.readouterr().err
-    if not kind.ffmpeg:
-        pytest.skip('needs ffmpeg: pip install imageio-ffmpeg')
+    assert described in capsys.readouterr().err
+    pytest.importorskip('av', reason='needs PyAV: pip install av')
     for path in films:
-        assert frames_of(path, kind.ffmpeg, 320, 180) == 4
+        assert frames_of(path, 320, 180) == 4
 
 
-def test_a_film_has_the_requested_number_of_frames(tmp_path):
-    frames = 7
-    kind = file_kind()
-    if not kind.ffmpeg:
-        pytest.skip('needs ffmpeg: pip install imageio-ffmpeg')
-    path = tmp_path / 'film.mp4'
-    write_film(scene_of(resized(film_of('S6'), 322, 182, frames)), 25, path, kind)
-    assert frames_of(path, kind.ffmpeg, 322, 182) == frames
-    shown = subprocess.run(
-        [kind.ffmpeg, '-hide_banner', '-i', str(path)], capture_output=True, text=True, check=False
-    ).stderr
-    assert re.search(r'Video: h264.*yuv420p.*322x182', shown)
-    assert '25 fps' in shown
+def test_a_film_has_the_requested_frames_and_rate(tmp_path):
+    av: Any = pytest.importorskip('av', reason='needs PyAV: pip install av')
+    path = tmp_path / f'film{MP4}'
+    write_film(scene_of(resized(film_of('S6'), 322, 182, 7)), 25, path)
+    assert frames_of(path, 322, 182) == 7
+    with av.open(str(path)) as container:
+        stream = container.streams.video[0]
+        assert (stream.codec_context.name, stream.codec_context.pix_fmt) == ('h264', 'yuv420p')
+        assert stream.average_rate == 25
 
 
-def test_without_ffmpeg_a_film_is_a_gif(tmp_path):
+def test_a_film_can_be_a_gif(tmp_path):
     path = tmp_path / 'film.gif'
-    write_film(scene_of(resized(film_of('S8'), 320, 180, 6)), 25, path, GIF)
+    write_film(scene_of(resized(film_of('S8'), 320, 180, 6)), 25, path)
     with Image.open(path) as picture:
         assert (picture.size, getattr(picture, 'n_frames', 1)) == ((320, 180), 6)
 
 
-def test_without_ffmpeg_the_program_logs_it_and_halves_the_size(tmp_path, monkeypatch, capsys):
+def test_without_pyav_the_program_logs_it_and_halves_the_size(tmp_path, monkeypatch, capsys):
     made: list[Any] = []
-    monkeypatch.setattr('shutil.which', lambda _: None)
-    monkeypatch.setitem(sys.modules, 'imageio_ffmpeg', None)
+    monkeypatch.setitem(sys.modules, 'av', None)
     monkeypatch.setattr(films_program, 'make_films', lambda *given: made.extend(given))
     assert main([str(CONFIG), '--output', str(tmp_path), '--quick', '--only', 'S6']) == 0
     said = capsys.readouterr().err
-    assert 'GIF of half the size, because there is no command ffmpeg and no package' in said
-    (film,), _, kind, _ = made
-    assert (film.shape.width, film.shape.height, kind.suffix) == (160, 90, '.gif')
-
-
-def test_an_ffmpeg_without_h264_is_not_used(tmp_path, monkeypatch):
-    poor = tmp_path / 'ffmpeg'
-    poor.write_text('#!/bin/sh\necho " V....D mpeg4"\n', encoding='utf-8')
-    poor.chmod(0o755)
-    monkeypatch.setattr('shutil.which', lambda _: str(poor))
-    monkeypatch.setitem(sys.modules, 'imageio_ffmpeg', None)
-    kind = file_kind()
-    assert kind.suffix == '.gif'
-    assert f'no libx264 in {poor}' in kind.reason
+    assert 'GIF of half the size, because MP4 films need PyAV' in said
+    (film,), _, suffix, _ = made
+    assert (film.shape.width, film.shape.height, suffix) == (160, 90, GIF)
 
 
 @pytest.mark.parametrize('name', NAMES)
@@ -343,10 +325,9 @@ def test_a_unit_cell_has_two_rotors(tmp_path):
 
 
 def test_a_failed_film_stops_all_films_and_leaves_no_files(tmp_path, capsys):
-    # There is no ffmpeg, so every film fails at its first frame.
-    broken = FileKind(str(tmp_path / 'absent'), 'a test')
-    with pytest.raises(FileNotFoundError):
-        make_films([resized(film, 320, 180, 3) for film in ALL[5:8]], tmp_path, broken, 1)
+    # No program writes files of this kind, so every film fails.
+    with pytest.raises(ValueError, match='unknown file extension'):
+        make_films([resized(film, 320, 180, 3) for film in ALL[5:8]], tmp_path, '.none', 1)
     assert list(tmp_path.iterdir()) == []
     (tmp_path / 'taken').write_text('', encoding='utf-8')
     assert main([str(CONFIG), '--output', str(tmp_path / 'taken'), '--quick']) == 1
@@ -411,6 +392,6 @@ def test_an_external_kind_of_film_is_made_with_the_others(tmp_path, monkeypatch)
     finally:
         del FILM_KINDS['dot'], sys.modules['own_film']
     assert {path.name for path in output.iterdir()} == {
-        f'D1_dot{file_kind().suffix}',
+        f'D1_dot{file_kind()[0]}',
         'D1_dot.txt',
     }

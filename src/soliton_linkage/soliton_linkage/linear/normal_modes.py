@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import eigvalsh_tridiagonal, svd, svdvals
+from scipy.linalg import svd
 
 from soliton_linkage.linear.rigidity import rigidity_matrix, zero_mode
 from soliton_linkage.linear.statics import unstretched
@@ -45,32 +45,22 @@ def normal_modes(chain: Chain, angles: ArrayLike) -> NormalModes:
     With free ends, the zero mode is the first mode. The computing time is O(N^3). Raises
     ValueError if a spring is stretched.
     """
-    matrix = _weighted_rigidity_matrix(chain, _relaxed(chain, angles))
+    given = chain.check_angles(angles)
+    stretches = np.abs(chain.spring_extensions(given)) / chain.rest_lengths
+    spring = int(np.argmax(stretches))
+    if stretches[spring] > _MOST_STRETCH:
+        raise ValueError(
+            f'spring {spring} is stretched by {stretches[spring]:.3g} of its rest length, more '
+            f'than {_MOST_STRETCH:g}; give a configuration with relaxed springs, for example the '
+            f'result of unstretched'
+        )
+    roots = np.sqrt(chain.moments_of_inertia)
+    matrix = np.sqrt(chain.stiffnesses)[:, None] * rigidity_matrix(chain, given).toarray() / roots
     _, singular, rows = svd(matrix)
     frequencies = np.zeros(chain.number_of_rotors)
     frequencies[: len(singular)] = singular
-    shapes = rows.T / np.sqrt(chain.moments_of_inertia)[:, None]
+    shapes = rows.T / roots[:, None]
     return NormalModes(frequencies[::-1], shapes[:, ::-1])
-
-
-def mode_frequencies(chain: Chain, angles: ArrayLike) -> Array:
-    """Return the angular frequencies of `normal_modes` in ascending order [rad/s], shape (N,).
-
-    With free ends, the frequencies are the eigenvalues >= 0 of [[0, B^T], [B, 0]]. If the rows are
-    in the order rotor 0, spring 0, rotor 1 and so on, this matrix is tridiagonal. The computing
-    time is therefore O(N^2). Raises ValueError if a spring is stretched.
-    """
-    relaxed = _relaxed(chain, angles)
-    if chain.periodic:
-        return np.asarray(svdvals(_weighted_rigidity_matrix(chain, relaxed))[::-1])
-    _, first, second = chain.springs(relaxed)
-    levers = np.sqrt(chain.stiffnesses) * np.stack([first, second])
-    levers /= np.sqrt(np.stack([chain.moments_of_inertia[:-1], chain.moments_of_inertia[1:]]))
-    between = levers.T.ravel()
-    pairs = eigvalsh_tridiagonal(np.zeros(len(between) + 1), between, lapack_driver='sterf')
-    frequencies = np.maximum(pairs[chain.number_of_springs :], 0.0)
-    frequencies[0] = 0.0
-    return np.asarray(frequencies)
 
 
 def phonon_energy(chain: Chain, angles: ArrayLike, rates: ArrayLike) -> float:
@@ -94,23 +84,3 @@ def phonon_energy(chain: Chain, angles: ArrayLike, rates: ArrayLike) -> float:
         left = left - mode * float(momentum @ left) / float(momentum @ mode)
     stretches = rigidity_matrix(chain, relaxed) @ (given - relaxed)
     return float(0.5 * chain.stiffnesses @ stretches**2 + chain.kinetic_energy(left))
-
-
-def _relaxed(chain: Chain, angles: ArrayLike) -> Array:
-    given = chain.check_angles(angles)
-    stretches = np.abs(chain.spring_extensions(given)) / chain.rest_lengths
-    spring = int(np.argmax(stretches))
-    if stretches[spring] > _MOST_STRETCH:
-        raise ValueError(
-            f'spring {spring} is stretched by {stretches[spring]:.3g} of its rest length, more '
-            f'than {_MOST_STRETCH:g}; give a configuration with relaxed springs, for example the '
-            f'result of unstretched'
-        )
-    return given
-
-
-def _weighted_rigidity_matrix(chain: Chain, angles: Array) -> Array:
-    """Return B = k_e^(1/2) R I^(-1/2) of the module docstring [rad/s], shape (springs, N)."""
-    matrix = rigidity_matrix(chain, angles).toarray()
-    weighted = np.sqrt(chain.stiffnesses)[:, None] * matrix
-    return np.asarray(weighted / np.sqrt(chain.moments_of_inertia))

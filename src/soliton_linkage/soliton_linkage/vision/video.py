@@ -149,17 +149,22 @@ def capture_camera(number: int) -> Iterator[TimedPicture]:
 
 
 def write_video(
-    path: Path, pictures: Iterable[TimedPicture], quality: int = 18, alone: bool = False
+    path: Path,
+    pictures: Iterable[TimedPicture],
+    quality: int = 18,
+    alone: bool = False,
+    rate: float = 60.0,
 ) -> int:
     """Write an H.264 video; return the number of pictures.
 
     `quality` is the constant rate factor (CRF); a lower value gives better pictures. If `alone`,
-    each picture is a key frame, so that small motions are not lost.
+    each picture is a key frame, so that small motions are not lost. The last picture is shown for
+    1 / `rate` [s].
     """
     av: Any = pyav()
     count = 0
     with av.open(str(path), 'w') as container:
-        stream = container.add_stream('libx264', rate=Fraction(60))
+        stream = container.add_stream('libx264', rate=Fraction(rate).limit_denominator(1000))
         stream.options = {'crf': str(quality), 'preset': 'veryfast'}
         if alone:
             stream.gop_size = 1

@@ -1,25 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Make films of chain motions, as in the movies of the paper: MP4, or GIF without ffmpeg."""
+"""Make films of chain motions, as in the movies of the paper: MP4, or GIF without PyAV."""
 
 from __future__ import annotations
 
 import argparse
-import importlib
 import os
-import shutil
-import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
-from matplotlib.animation import FFMpegWriter, PillowWriter
+import numpy as np
+from matplotlib.animation import PillowWriter
 
+from soliton_linkage.vision.opencv import Picture, pyav
+from soliton_linkage.vision.video import TimedPicture, write_video
 from soliton_linkage_studies.figure_report import save_caption
 from soliton_linkage_studies.films.scenes import FILM_KINDS, STYLE, Format, Scene
 from soliton_linkage_studies.program import (
@@ -83,104 +82,67 @@ def scene_of(film: Film) -> Scene:
     return made
 
 
-_CODEC = 'libx264'
-_QUALITY = ('-crf', '20', '-preset', 'veryfast', '-movflags', '+faststart')
+MP4, GIF = '.mp4', '.gif'
+"""Suffixes of the film files."""
+_QUALITY = 20
+"""Constant rate factor of the H.264 encoder [1], at which compression errors are invisible."""
 SHRINKING = 2
 """Factor by which the width and height of a GIF are divided [1]; a larger GIF would not fit in
 memory."""
 
 
-@dataclass(frozen=True)
-class FileKind:
-    """File format of the films, and the reason for it."""
-
-    ffmpeg: str
-    """Path of the program ffmpeg; if it is empty, Pillow writes a GIF."""
-    reason: str
-    """Reason for the format, in one line for the user."""
-
-    @property
-    def suffix(self) -> str:
-        """Suffix of the file names."""
-        return '.mp4' if self.ffmpeg else '.gif'
-
-
-def file_kind() -> FileKind:
-    """Return MP4 if an ffmpeg program that writes H.264 is found, otherwise GIF.
-
-    The program is the command ffmpeg, or the one in the package imageio_ffmpeg.
-    """
-    complaints = []
-    programs = {'command ffmpeg': shutil.which('ffmpeg'), 'package imageio_ffmpeg': None}
-    with suppress(ImportError, RuntimeError):
-        package: Any = importlib.import_module('imageio_ffmpeg')
-        programs['package imageio_ffmpeg'] = str(package.get_ffmpeg_exe())
-    for name, program in programs.items():
-        if program is None:
-            complaints.append(f'no {name}')
-        elif not _writes_h264(program):
-            complaints.append(f'no {_CODEC} in {program}')
-        else:
-            return FileKind(program, f'MP4 (H.264), written with {program}')
-    reasons = ' and '.join(complaints)
-    text = f'GIF of half the size, because there is {reasons}; install ffmpeg for MP4'
-    return FileKind('', text)
-
-
-def write_film(scene: Scene, frame_rate: float, path: Path, kind: FileKind) -> None:
-    """Write every frame of a scene to a file."""
-    rate: Any = frame_rate  # matplotlib accepts any number, although its annotation is int
-    writer: Any = PillowWriter(rate)
-    if kind.ffmpeg:
-        writer = _Painter(rate, codec=_CODEC, extra_args=['-pix_fmt', 'yuv420p', *_QUALITY])
-    settings: Any = {'animation.ffmpeg_path': kind.ffmpeg or 'ffmpeg'}
-    with mpl.rc_context(settings), writer.saving(scene.figure, str(path), scene.figure.get_dpi()):
-        for frame in range(len(scene.times)):
-            if kind.ffmpeg:
-                writer.write(scene.paint(frame))
-            else:
-                scene.show(frame)
-                writer.grab_frame()
-
-
-class _Painter(FFMpegWriter):
-    """FFmpeg writer that takes rendered pixels; `grab_frame` would draw all artists again."""
-
-    def write(self, pixels: memoryview) -> None:
-        process: Any = vars(self)['_proc']
-        process.stdin.write(pixels)
-
-
-def _writes_h264(program: str) -> bool:
-    command = [program, '-hide_banner', '-encoders']
+def file_kind() -> tuple[str, str]:
+    """Return the suffix of the films, MP4 if PyAV is installed, and a description of the files."""
     try:
-        listed = subprocess.run(command, capture_output=True, check=True, text=True, timeout=30)
-    except (OSError, subprocess.SubprocessError):
-        return False
-    return _CODEC in listed.stdout
+        pyav()
+    except ValueError as error:
+        return GIF, f'GIF of half the size, because MP4 {error}'
+    return MP4, 'MP4 (H.264)'
+
+
+def write_film(scene: Scene, frame_rate: float, path: Path) -> None:
+    """Write every frame of a scene to an MP4 or GIF file, which the suffix of the path selects."""
+    frames = range(len(scene.times))
+    if path.suffix == MP4:
+        pictures = (TimedPicture(frame / frame_rate, _pixels(scene, frame)) for frame in frames)
+        write_video(path, pictures, _QUALITY, rate=frame_rate)
+        return
+    rate: Any = frame_rate  # matplotlib accepts any number, although its annotation is int
+    writer = PillowWriter(rate)
+    with writer.saving(scene.figure, str(path), scene.figure.get_dpi()):
+        for frame in frames:
+            scene.show(frame)
+            writer.grab_frame()
+
+
+def _pixels(scene: Scene, frame: int) -> Picture:
+    return np.ascontiguousarray(np.asarray(scene.paint(frame))[..., 2::-1])
 
 
 def make_films(
-    films: Sequence[Film], output: Path, kind: FileKind, workers: int | None = None
+    films: Sequence[Film], output: Path, suffix: str, workers: int | None = None
 ) -> None:
     """Write films into a folder with `workers` processes, by default one per core.
 
-    A film appears in the folder when it is finished. On failure, unfinished films are deleted.
+    The suffix of the files is `MP4` or `GIF`. A film appears in the folder when it is finished. On
+    failure, unfinished films are deleted.
     """
     output.mkdir(parents=True, exist_ok=True)
     longest_first = sorted(films, key=lambda film: -film.shape.frames)
     folder: Any = {'prefix': '.unfinished-', 'dir': output, 'ignore_cleanup_errors': True}
     with tempfile.TemporaryDirectory(**folder) as name:
         scratch = Path(name)
-        tasks = {each.name: partial(_make, each, scratch, output, kind) for each in longest_first}
+        tasks = {
+            each.name: partial(_make, each, scratch, output, suffix) for each in longest_first
+        }
         run_parallel('filming', tasks, workers or os.cpu_count() or 1)
 
 
-def _make(film: Film, scratch: Path, output: Path, kind: FileKind) -> None:
-    name = film.name + kind.suffix
+def _make(film: Film, scratch: Path, output: Path, suffix: str) -> None:
+    name = film.name + suffix
     with mpl.rc_context(STYLE):
         scene = scene_of(film)
-        write_film(scene, film.shape.frame_rate, scratch / name, kind)
+        write_film(scene, film.shape.frame_rate, scratch / name)
     save_caption(f'{scene.headline}\n\n{scene.caption}', output / f'{film.name}.txt')
     (scratch / name).replace(output / name)
 
@@ -197,15 +159,15 @@ def _filmed(options: argparse.Namespace) -> str:
     films = [film for film in films if film.name in names]
     if options.quick:
         films = [resized(film, *_QUICK_SIZE, _QUICK_FRAMES) for film in films]
-    kind = file_kind()
-    if not kind.ffmpeg:
+    suffix, described = file_kind()
+    if suffix == GIF:
         half = 2 * SHRINKING  # width and height stay even
         films = [
             resized(film, film.shape.width // half * 2, film.shape.height // half * 2)
             for film in films
         ]
-    print(f'{len(films)} films as {kind.reason}', file=sys.stderr)
-    make_films(films, options.output, kind, options.workers)
+    print(f'{len(films)} films as {described}', file=sys.stderr)
+    make_films(films, options.output, suffix, options.workers)
     return f'{len(films)} films are in {options.output}'
 
 
