@@ -385,3 +385,29 @@ def test_known_forces_are_predicted_while_no_angle_is_measured(terms):
     site = orbit.site(fit_anywhere(orbit, angles).arc)
     assert abs(straight - site) > 0.1
     assert abs(estimate.site - site) < 0.1 * abs(straight - site)
+
+
+def predicted_and_true_shift(chain: Chain, noise: float) -> tuple[float, float]:
+    """Return how far a fast wall is from its straight path after 100 frames without angles."""
+    start, random = with_soliton(chain, 8.0, 0.6), np.random.default_rng(2)
+    simulation = ElasticSimulation(chain, start.angles, start.rates, PERIOD)
+    orbit = UniformOrbit(chain)
+    tracker = OrbitFilter(orbit, noise)
+    for frame in range(200):
+        angles = simulation.angles + noise * random.standard_normal(chain.number_of_rotors)
+        seen = angles if frame < 100 else np.full(chain.number_of_rotors, math.nan)
+        estimate = tracker.update(PERIOD * frame, seen)
+        if frame == 99:
+            straight = estimate.site + estimate.site_rate * PERIOD * 100
+        simulation.advance()
+    return estimate.site - straight, orbit.site(fit_anywhere(orbit, angles).arc) - straight
+
+
+def test_the_contraction_of_a_fast_wall_does_not_change_the_work_of_a_potential():
+    # The torque of a motor on its own rotor is that of a potential.
+    pulled = [Feedback(angle=1e-4, reference=at, limit=10.0) for at in (-0.5, 0.5)]
+    chains = [dataclasses.replace(chain_of(FLIPPER, 40), feedback=each) for each in pulled]
+    shifts = [predicted_and_true_shift(chain, 0.001) for chain in chains]
+    predicted, true = np.diff(shifts, axis=0)[0]
+    assert abs(true) > 0.25
+    assert predicted == pytest.approx(true, rel=0.04)

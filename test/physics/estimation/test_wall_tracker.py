@@ -319,3 +319,19 @@ def test_the_rate_of_a_resting_wall_among_waves_agrees_with_its_deviation(period
             track.update(wall, time)
         scores.append(track.rate / track.rate_deviation)
     assert np.sqrt(np.mean(np.square(scores))) < 2
+
+
+@pytest.mark.parametrize('amplitude', [0.05, 0.15])
+def test_the_rate_of_an_anti_kink_in_a_well_agrees_with_its_deviation(amplitude):
+    line, barrier, scores = LatticeCoordinates(CHAIN), 2.0, []
+    random = np.random.default_rng(1)
+    track = WallTrack(line, -1, 1 / CHAIN.time_unit, site_arc(CHAIN), DEFAULTS)
+    for frame in range(1500):
+        phase = math.pi * barrier * PERIOD * frame
+        if frame:
+            track.predict(PERIOD)
+        site = 30 + amplitude * math.sin(phase) + 0.005 * random.standard_normal()
+        track.update(WallMeasurement(site, 0.005, -1, pinning=barrier), PERIOD * frame)
+        rate = math.pi * barrier * amplitude * math.cos(phase)
+        scores.append((track.rate - rate) / track.rate_deviation)
+    assert 0.5 < np.sqrt(np.mean(np.square(scores[100:]))) < 1.5

@@ -48,12 +48,16 @@ class MotorControllers:
         return np.nan_to_num(feedback_torques(self._chain, measured, rates))
 
 
-def feedback_torques(chain: Chain, angles: Array, rates: Array) -> Array:
-    """Return the torques [N m] of the feedback law for given angles and rates, shape (N,)."""
+def feedback_torques(chain: Chain, angles: Array, rates: Array, contraction: float = 1.0) -> Array:
+    """Return the torques [N m] of the feedback law for given angles and rates, shape (N,).
+
+    The differences of the coordinates of neighbours are multiplied by `contraction`: `angles` may
+    be those of a wall at rest, and the wall is narrower by this factor.
+    """
     signs, law, bonds = chain.signs, chain.feedback, chain.number_of_springs
     q, v = signs * angles + (1 - signs) * (np.pi / 2), signs * rates
     of_own = -law.angle * wrapped(q - law.reference) - law.rate * v
-    bends = wrapped(np.roll(q, -1) - q)[:bonds]
+    bends = contraction * wrapped(np.roll(q, -1) - q)[:bonds]
     shears = (np.roll(v, -1) - v)[:bonds]
     of_others = chain.gathered(
         law.right_angle * bends + law.right_rate * shears,

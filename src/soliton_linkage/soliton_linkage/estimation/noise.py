@@ -9,6 +9,7 @@ import numpy as np
 
 from soliton_linkage.compiling import compiled, const_f8_1d, f8, i8
 from soliton_linkage.estimation.measurement import LinearisedMeasurement
+from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
 from soliton_linkage.estimation.settings import DEFAULTS, EstimationSettings, NoiseSettings
 from soliton_linkage.linear.bands import band_edges
 from soliton_linkage.linkage.chain import Array, Chain
@@ -338,14 +339,15 @@ class ResidualVariance:
     def _unknown(self) -> float:
         return math.exp(-self.frames / self._settings.tracking.settled)
 
-    @property
-    def persistent_bound(self) -> float:
-        """Upper bound of the variance of the persistent residuals near a wall [rad^2].
+    def persistent_error(self, share: float) -> float:
+        """Return the variance of an arc length due to persistent residuals near a wall [rad^2].
 
-        It is larger in the first frames, when noise and persistent residuals cannot be separated.
+        `share` is the standard deviation of the arc length divided by the rms of the residuals
+        [1]. The variance is larger in the first frames, when noise and persistent residuals cannot
+        be separated.
         """
         bound = min(self.elastic, self.noise.scatter) * self._unknown
-        return max(self.noise.excess, bound)
+        return max(share**2 * self.noise.excess, bound)
 
     def of_arc(self, view: LinearisedMeasurement) -> float:
         """Return the variance of a measured arc length along the orbit [rad^2].
@@ -369,6 +371,17 @@ class ResidualVariance:
     def field(self) -> float:
         """Mean square amplitude of waves near the wall [rad^2]."""
         return max(self.noise.waves, self.noise.excess)
+
+    def allow_waves(self, motion: MultipleModelFilter, scale: float, period: float) -> float:
+        """Set the acceleration by waves in `motion`, and return `calm` for its rate [1].
+
+        `scale` is the inverse of the time unit of the chain [1/s], and `period` the period of the
+        slowest phonon [s].
+        """
+        # Waves of amplitude x exert forces of the order x^2 on a wall.
+        motion.set_wave_acceleration(self.field * scale**2, period)
+        # An unknown rate is no evidence that waves disturb the wall.
+        return self.calm(math.hypot(motion.expected_rate, motion.rate_deviation) / scale)
 
     def calm(self, rate: float) -> float:
         """Return the weight, 0 to 1, of the assumption that waves do not disturb the wall.

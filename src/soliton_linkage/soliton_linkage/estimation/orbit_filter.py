@@ -348,23 +348,25 @@ class OrbitFilter:
         inertia. gamma and c are the two results of `ComplianceCorrection.contraction`. The motion
         contracts a wall by the factor gamma. Its rotors turn faster by this factor, so that the
         rates in friction torques are multiplied by gamma. The coordinates of adjacent rotors
-        differ more by the same factor. The torques of motors are multiplied by gamma, because most
-        of them are proportional to these differences or to rates. The torques of potentials depend
-        only on the angle of the rotor itself. They are not multiplied, because their work while
-        the wall moves by a rotor spacing does not depend on its width.
+        differ more by the same factor. The power of a torque is the integral of tau dphi over
+        the wall, times the speed. Therefore, the torques are computed with these rates and
+        differences, but are multiplied by the tangent of the wall at rest. A torque that depends
+        only on the angle of the rotor itself, such as that of a potential, does not change.
         """
         chain, (passive, active) = self.orbit.chain, self._forces
         if not (len(passive.kinds) or len(active.kinds) or chain.feedback.acts):
             return 0.0
         gamma, inertia = self._compliance.contraction(rate)
         tangent, angles = self.orbit.tangent(arc), self.orbit.configuration(arc)
-        torques, rates = np.zeros(len(tangent)), rate * tangent
+        torques, rates = np.zeros(len(tangent)), gamma * rate * tangent
+        # Active terms are proportional to differences of coordinates.
         torques_of(angles, rates, *active, torques)
+        torques *= gamma
+        torques_of(angles, rates, *passive, torques)
         if chain.feedback.acts:
             measured = arc - (chain.feedback.delay + 0.5) * rate * elapsed
-            torques += feedback_torques(chain, self.orbit.configuration(measured), rates)
-        torques *= gamma
-        torques_of(angles, gamma * rates, *passive, torques)
+            earlier = self.orbit.configuration(measured)
+            torques += feedback_torques(chain, earlier, rates, gamma)
         return float(tangent @ torques / (chain.moments_of_inertia @ tangent**2)) / inertia
 
     def _at_edge(self) -> bool:
@@ -381,13 +383,8 @@ class OrbitFilter:
         if view.information > LEAST_INFORMATION:
             late = motion.expected_rate**2 * self.jitter.variance
             variance = self._variance.of_arc(view) + late
-            # An unknown rate is no evidence that waves disturb the wall.
-            possible = math.hypot(motion.expected_rate, motion.rate_deviation)
-            calm = self._variance.calm(possible * self.orbit.chain.time_unit)
-            # Waves of amplitude x exert forces of the order x^2 on a wall.
-            motion.set_wave_acceleration(
-                self._variance.field / self.orbit.chain.time_unit**2, self._phonon_period
-            )
+            scale = 1 / self.orbit.chain.time_unit
+            calm = self._variance.allow_waves(motion, scale, self._phonon_period)
             motion.update(view.arc, variance, noise.degrees_of_freedom, calm)
             hypothesis.update_rate_shift(self._variance.way, variance)
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from soliton_linkage.estimation.estimates import EventKind, OrbitEstimate, TrackingStatus
 from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
+from soliton_linkage.estimation.noise import ResidualVariance
 from soliton_linkage.estimation.settings import EstimationSettings, WallSettings
 from soliton_linkage.estimation.state_report import (
     FrameErrors,
@@ -143,6 +144,9 @@ class WallMeasurement(NamedTuple):
     pinning: float = 0.0
     """Speed at which the kinetic energy equals the barrier between two sites [spacings / s]; 0 if
     there is no barrier or the barrier is not computed."""
+    residual: ResidualVariance | None = None
+    """Variance of the residuals of the fitted walls, from which the forces of waves on them are
+    estimated; None without such forces."""
     estimate: OrbitEstimate | None = None
     """Estimate of the `OrbitFilter` if it has measured the wall; None for a fit."""
 
@@ -201,9 +205,10 @@ class WallTrack:
         if self._pinning:
             # The force on a fast wall is correlated over a quarter of a rotor spacing. A slow wall
             # oscillates in a potential well; the force on it is correlated over a quarter of the
-            # oscillation period, and is proportional to the speed.
+            # oscillation period. With the oscillation frequency pi u, its root mean square is
+            # pi u v = sqrt(8) f u v. An unknown rate is no evidence of an oscillation.
             speed = math.hypot(self.rate, self.rate_deviation)
-            force = min(speed, self._pinning) ** 2 * self._pinning**2
+            force = min(max(8 * self.rate**2, speed**2), self._pinning**2) * self._pinning**2
             added = _FORCE * force / max(speed, self._pinning) * elapsed * self._arc**2
             self._motion.add_rate_noise(added, elapsed)
         site, variance = self._motion.expected / self._arc, self._motion.expected_variance
@@ -231,7 +236,10 @@ class WallTrack:
         else:
             expected = self._motion.expected / self._arc
             apart = self._line.separation(measured.rotor, self._line.wrap(expected))
-            self._motion.update((expected + apart) * self._arc, variance)
+            calm = 1.0
+            if measured.residual is not None:
+                calm = measured.residual.allow_waves(self._motion, self._scale, self._line.period)
+            self._motion.update((expected + apart) * self._arc, variance, calm=calm)
         arc, rate, of_arc, _, of_rate = self._motion.summary
         self.rotor, self.rate = self._line.wrap(arc / self._arc), rate / self._arc
         # The filter does not include the error due to persistent residuals. This error oscillates
