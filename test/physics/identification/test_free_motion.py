@@ -65,6 +65,19 @@ def test_free_motion_agrees_with_the_simulation():
     assert np.abs(angles_at(motion, times) - angles).max() < 1e-4
 
 
+def test_the_bound_of_the_frequencies_holds_for_springs_along_the_motion_of_both_masses():
+    # Springs along the motion of both masses act as a chain of masses and springs.
+    _, _, _, motion = kicked(40, 10.0, 0.01)
+    inverse = motion.masses**-0.5
+    matrix = np.zeros((40, 40))
+    for n, stiffness in enumerate(motion.stiffnesses):
+        pair = inverse[n : n + 2] * (1, -1)
+        matrix[n : n + 2, n : n + 2] += stiffness * np.outer(pair, pair)
+    fastest = math.sqrt(np.linalg.eigvalsh(matrix)[-1])
+    simplest = 2 * math.sqrt(motion.stiffnesses.max() / motion.masses.min())
+    assert fastest < motion.fastest < simplest
+
+
 def test_gravity_and_drag_agree_with_their_equation():
     chain, times, _, motion = kicked(5, 10.0, 0.3)
     drag = {'damping': DAMPING, 'friction': FRICTION}

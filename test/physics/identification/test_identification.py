@@ -213,11 +213,14 @@ def test_a_slip_beside_an_unrecorded_kick_is_named():
         identify(Readings(times, readings, names=NAMES), Chain())
 
 
-@pytest.mark.parametrize(('example', 'seed'), [('flipper', 3), ('wobbler', 4)])
-def test_stamps_with_errors_of_20_ms_are_reported_and_do_not_spoil_lengths(example, seed):
+@pytest.mark.parametrize(
+    ('example', 'seed', 'every', 'error'),
+    [('flipper', 3, 3, 0.02), ('wobbler', 4, 3, 0.02), ('wobbler', 4, 2, 0.005)],
+)
+def test_errors_of_stamps_are_reported_and_do_not_spoil_lengths(example, seed, every, error):
     chain, times, readings = kicked(example, seed)
-    times, readings = times[::3], readings[::3]
-    late = times + np.random.default_rng(1).uniform(0, 0.02, len(times))
+    times, readings = times[::every], readings[::every]
+    late = times + np.random.default_rng(1).uniform(0, error, len(times))
     found = identify(Readings(np.sort(late), readings), Chain())
     assert any(line.startswith('stamps have errors of') for line in found.warnings)
     for name in ('rotor_length', 'spacing', 'rest_length'):

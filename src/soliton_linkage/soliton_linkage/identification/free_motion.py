@@ -106,8 +106,16 @@ class FreeMotion:
 
     @property
     def fastest(self) -> float:
-        """Upper bound of the angular frequencies and decay rates of the chain [rad/s]."""
-        vibrations = 2 * math.sqrt(float(self.stiffnesses.max() / self.masses.min()))
+        """Upper bound of the angular frequencies and decay rates of the chain [rad/s].
+
+        The bound of the frequencies follows from the circle theorem of Gershgorin: the square of a
+        frequency is at most the largest sum of k / m_n + k / sqrt(m_n m_j) over both springs of a
+        rotor n, where j is the other rotor of the spring.
+        """
+        inverse = self.masses**-0.5
+        couplings = self.stiffnesses * (inverse[:-1] + inverse[1:])
+        squares = inverse * (np.append(couplings, 0.0) + np.insert(couplings, 0, 0.0))
+        vibrations = math.sqrt(float(squares.max()))
         return vibrations + abs(self.friction) / _SLIDING / float(self.inertias.min())
 
     def changed(self, change: Array) -> FreeMotion:

@@ -31,7 +31,7 @@ from soliton_linkage.linkage.chain import Array
 
 _STATE_DEVIATION = 10.0
 """Prior standard deviation of each initial angle [rad] and each initial rate [rad/s]."""
-_SIGNIFICANT_STAMPS = 6.0
+_SIGNIFICANT_STAMPS = 4.0
 """The estimated variance of the errors of time stamps is significant if it is at least this times
 its own standard deviation [1]."""
 

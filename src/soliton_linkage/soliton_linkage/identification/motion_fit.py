@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import pairwise, zip_longest
 
 import numpy as np
 
@@ -94,8 +94,8 @@ _FAR = 5.0
 """After a step, the matrices are computed again if the decrease of -2 log likelihood that was
 expected in this step, divided by the number of unknowns, is larger than this [1]."""
 _SLOW = 0.5
-"""After a step, the matrices are also computed again if the convergence is slow, that is, if the
-expected decrease is larger than this times the expected decrease in the previous step [1]."""
+"""The matrices are also computed again if the expected decrease is larger than this times the
+expected decrease in the previous step [1]."""
 _SHARES = 0.3, 0.55, 0.7, 0.8, 0.99
 """Fractions of the work that are done after each of five stages [1]: search for the initial
 stiffness, merging of windows, estimation of the tolerances, search for kicks, and samples."""
@@ -161,8 +161,7 @@ class MotionFitter:
         self._record = Record(times, readings, deviations, exact)
         fitted = sum(window.frames.stop - window.frames.start for window in windows)
         self._every = max(1, fitted // _MATRIX_FRAMES)
-        self._found: list[Array] = []
-        self._interval = float(np.median(np.diff(times)))
+        self._found, self._interval = list[Array](), float(np.median(np.diff(times)))
         self._noise, self._tolerance = noise, tolerance
         self._windows, self._stages = tuple(windows), stages or Stages()
         motion = self._motion
@@ -190,15 +189,13 @@ class MotionFitter:
                 self._correct_stamps()
         self._prior = replace(self._prior, mass_deviation=INITIAL_MASS_DEVIATION)
         most = UNEXPLAINED * self._noise
-        equations: list[Array] | None = None
         for number in range(_ROUNDS):
-            ends = (estimated - (estimated - merged) / 2**each for each in (number, number + 1))
-            show.enter(*ends)
+            show.enter(*(estimated - (estimated - merged) / 2 ** (number + k) for k in (0, 1)))
             self._correct_stamps()
-            self._improve(_LAST_STEPS, _CONVERGED, equations)
+            self._improve(_LAST_STEPS, _CONVERGED, self._found)
             before = self._prior.tolerances
-            self._found = equations = self._equations()
-            covariance, information = self._reestimate(equations)
+            self._found = self._equations()
+            covariance, information = self._reestimate(self._found)
             converged = self._prior.tolerances.is_close(before, _TOLERANCE_CHANGE)
             if self._noise > most or converged:
                 break
@@ -240,7 +237,9 @@ class MotionFitter:
         self._windows = windows_around(found, self._record.times, before, after)
         if len(self._windows) > len(found):
             right = self._right(self._cost(self._windows)[1])
-            gain = float(right @ self._solver(self._equations(), 0.0)(right))
+            known = dict(zip(map(id, found), self._found, strict=True))
+            equations = self._equations([known.get(id(each)) for each in self._windows])
+            gain = float(right @ self._solver(equations, 0.0)(right))
         else:
             self._windows = join_windows(found, before, after)
             if len(self._windows) < len(found):
@@ -257,11 +256,10 @@ class MotionFitter:
 
     def sampled(self, found: MotionFit) -> MotionFit:
         """Return the fit `found` with its covariance increased to the scatter of samples."""
-        samples = self._samples(self._found)
-        covariance = inflated_covariance(found.covariance, samples, found.motion.slices)
-        return replace(found, covariance=covariance)
+        given = found.covariance, self._samples(), found.motion.slices
+        return replace(found, covariance=inflated_covariance(*given))
 
-    def _samples(self, equations: list[Array]) -> Array:
+    def _samples(self) -> Array:
         """Return samples of the posterior, as differences from the fit, (S, Q - 2 N).
 
         The method is randomized maximum likelihood (Oliver, He and Reynolds, 1996): random errors
@@ -276,7 +274,7 @@ class MotionFitter:
             noise = self._noise * record.deviations * random.standard_normal(record.readings.shape)
             self._record = record._replace(readings=record.readings + noise)
             self._prior = prior.sampled(found[0].motion, random)
-            self._improve(_SAMPLED_STEPS, _SAMPLED, equations)
+            self._improve(_SAMPLED_STEPS, _SAMPLED, self._found)
             samples.append(prior.evaluate(self._motion)[1] - values)
             self._windows, self._record, self._prior = found, record, prior
         return np.array(samples)
@@ -365,8 +363,10 @@ class MotionFitter:
             cost += float(np.sum(whitened**2)) / self._noise**2
         return (cost if math.isfinite(cost) else math.inf), states
 
-    def _equations(self) -> list[Array]:
-        return [window_matrix(window, self._record, self._every) for window in self._windows]
+    def _equations(self, known: Sequence[Array | None] = ()) -> list[Array]:
+        given = self._record, self._every
+        pairs = zip_longest(self._windows, known)
+        return [window_matrix(each, *given) if own is None else own for each, own in pairs]
 
     def _improve(self, steps: int, converged: float, equations: list[Array] | None = None) -> None:
         equations = equations or self._equations()
