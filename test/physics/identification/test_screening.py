@@ -79,6 +79,16 @@ def test_a_jump_of_fifteen_deviations_is_a_slip_and_one_wrong_reading_is_not():
         check_jumps(deviating(passing(), [frame], 6, 0.15), 0.01)
 
 
+@pytest.mark.parametrize('rotor', [0, 6, 11])
+def test_a_force_is_named_as_another_cause_of_a_step_in_the_residuals_of_an_edge_rotor(rotor):
+    recording = deviating(passing(), [], 6, 0.0)
+    residuals = 0.01 * np.random.default_rng(4).standard_normal(recording.angles.shape)
+    residuals[500:, rotor] += 0.05
+    with pytest.raises(ValueError, match=f'encoder of rotor {rotor} slips') as error:
+        check_slips(recording, residuals, 0.01)
+    assert ('a rotor that is missing before rotor 0' in str(error.value)) == (rotor != 6)
+
+
 def test_a_rotor_that_turns_during_a_gap_between_frames_does_not_slip():
     for frames in (9, 30):
         recording = deviating(passing(), [], 6, 0.0)

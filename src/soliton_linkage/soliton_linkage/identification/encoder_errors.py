@@ -136,12 +136,17 @@ class EncoderFault(NamedTuple):
         """Return the error with an unrecorded force as another cause, first if `likelier`."""
         if self.force:
             return self
-        force = (
-            'a force that was not recorded acts: a hand, or a rotor that is missing before '
-            f'{joints[0]} or after {joints[-1]}'
-        )
+        force = unrecorded_force(joints)
         causes = (force, self.text) if likelier else (self.text, force)
         return self._replace(text='; or '.join(causes), force=True)
+
+
+def unrecorded_force(joints: Sequence[str]) -> str:
+    """Return a text that names an unrecorded force as a cause."""
+    return (
+        'a force that was not recorded acts: a hand, or a rotor that is missing before '
+        f'{joints[0]} or after {joints[-1]}'
+    )
 
 
 def encoder_fault(joints: Sequence[str], scores: Array, information: Array) -> EncoderFault | None:
