@@ -189,6 +189,8 @@ def encoder_fault(joints: Sequence[str], scores: Array, information: Array) -> E
         )
     elif of_gain[worst] == largest:
         text = _gain_error(whose, float(gains[worst] / certain[worst]), largest)
+        # If a rotor turns only once, a slip during the turn has the same shape.
+        text += '; or the encoder slips while the rotor turns: fasten it'
     else:
         text = (
             f'{whose} has an encoder whose error depends on the angle, or one that slips '
