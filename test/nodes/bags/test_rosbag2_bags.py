@@ -35,6 +35,20 @@ def test_it_is_read_whole_and_comes_back_whole(layout, frames, tmp_path):
         assert list(read_topic(reader, 'joint_states')) == frames
 
 
+@pytest.mark.parametrize('name', ['mcap without chunks', 'mcap in lz4 chunks', 'sqlite3'])
+def test_an_unfinished_file_gives_its_messages(name, frames, tmp_path):
+    bag = write_rosbag2_bag(tmp_path / 'rosbag2_2026', LAYOUTS[name], frames)
+    (bag / 'metadata.yaml').unlink()
+    (data,) = bag.iterdir()
+    whole = data.read_bytes()
+    data.write_bytes(whole[: len(whole) // 2])
+    report, new = recover_bag(bag, tmp_path / 'new')
+    with open_bag(new) as reader:
+        held = list(read_topic(reader, 'joint_states'))
+    assert len(held) == report.messages > 15
+    assert all(entry in frames for entry in held)
+
+
 def test_messages_before_the_cut_of_a_compressed_file_are_recovered(frames, tmp_path):
     layout = Layout('sqlite3', compression_mode='FILE')
     bag = write_rosbag2_bag(tmp_path / 'rosbag2_2026', layout, frames)

@@ -178,6 +178,7 @@ def test_a_wrong_message_is_rejected_with_the_reason():
 def test_a_message_that_describes_no_chain_is_rejected():
     for changes, complaint in [
         ({'spacing': math.nan}, 'spacing = nan must be a finite number'),
+        ({'mass': -1.0}, 'mass = -1.0 must lie in the range'),
         ({'joint_names': ['only']}, 'number_of_rotors = 1 must lie in the range'),
         ({'joint_names': ['a', 'b', 'a']}, "'a' twice"),
         ({'mass_deviations': [0.1]}, '1 deviations of mass do not fit a chain of 5 rotors'),
