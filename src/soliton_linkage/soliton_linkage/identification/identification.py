@@ -170,35 +170,49 @@ def _by_model(
 
     fitted, kicks = fit_around_kicks(some, fit_springs, noise, max(found.noise, LEAST_NOISE))
     check_clear(fitted)
-    if not isinstance(fitted, str):
-        fitter, fit = fitted
-        check_slips(some, fit.residuals, fit.noise)
-        fault = encoder_fault(readings.joints, *fitter.error_scores())
-        fault = fault and shown_by_bars(fault, readings.joints, *scores)
-        check_explained('springs', *excess_of(fit), fit.residuals, some, fault)
-        fit = fitter.sampled(fit)
-        given = _scaled(given, readings, fit.motion.gravity)
-        scale = mass_scale(fit, some, given.spacing)
-        result = by_springs(fit, given, noise, scale, unused)
-        if kicks:
-            ends = readings.joints[0], readings.joints[-1]
-            named = ' and '.join(f'{time - some.times[0]:.3g} s' for time in sorted(kicks))
-            result = replace(result, warnings=(_KICK.format(named, *ends), *result.warnings))
-        return _with_possible(result, fault)
+    if isinstance(fitted, str):
+        fault = clear or (fault and fault.or_force(readings.joints, likelier=False))
+        result = _by_bars(readings, some, found, given, noise, tolerance, spacing_known, fault)
+        reason = (_RIGID.format(fitted),) if fitted else ()
+        return _with_possible(replace(result, warnings=(*reason, *result.warnings)), fault)
+    fitter, fit = fitted
+    check_slips(some, fit.residuals, fit.noise)
+    fault = encoder_fault(readings.joints, *fitter.error_scores())
+    fault = fault and shown_by_bars(fault, readings.joints, *scores)
+    check_explained('springs', *excess_of(fit), fit.residuals, some, fault)
+    fit = fitter.sampled(fit)
+    given = _scaled(given, readings, fit.motion.gravity)
+    scale = mass_scale(fit, some, given.spacing)
+    result = by_springs(fit, given, noise, scale, unused)
+    if kicks:
+        ends = readings.joints[0], readings.joints[-1]
+        named = ' and '.join(f'{time - some.times[0]:.3g} s' for time in sorted(kicks))
+        result = replace(result, warnings=(_KICK.format(named, *ends), *result.warnings))
+    return _with_possible(result, fault)
+
+
+def _by_bars(
+    readings: Readings,
+    some: Readings,
+    found: Adjustment,
+    given: Chain,
+    noise: float,
+    tolerance: float | None,
+    spacing_known: bool,
+    fault: EncoderFault | None,
+) -> Identification:
     residuals = found.residuals / readings.relative_deviations
-    check_slips(readings, residuals, bar_noise)
+    check_slips(readings, residuals, max(noise, found.noise))
     if not found.converged:
         raise ValueError(_NOT_CLOSED)
-    fault = clear or (fault and fault.or_force(readings.joints, likelier=False))
     spread = 0.0 if tolerance else found.tolerances.lengths
     check_explained('bars', found.noise / noise, (spread, 0.0), residuals, readings, fault)
     strained = found.noise > STRAINED * noise
     moved = None if strained else _fit_bars(some, found, given, spacing_known)
-    if moved is not None:
-        given = _scaled(given, readings, moved.gravity)
-    result = by_bonds(found, given, noise, moved, unused if moved else 0)
-    warnings = (_RIGID.format(fitted), *result.warnings) if fitted else result.warnings
-    return _with_possible(replace(result, warnings=warnings), fault)
+    if moved is None:
+        return by_bonds(found, given, noise, None, 0)
+    given = _scaled(given, readings, moved.gravity)
+    return by_bonds(found, given, noise, moved, len(readings.times) - len(some.times))
 
 
 def _with_possible(result: Identification, fault: EncoderFault | None) -> Identification:

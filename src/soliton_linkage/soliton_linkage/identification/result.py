@@ -146,6 +146,23 @@ def _with_motion(chain: Chain, motion: FreeMotion, mass: float) -> Chain:
     )
 
 
+def _with_forces(chain: Chain, moved: BarMotion) -> tuple[Chain, dict[str, Any]]:
+    unit = chain.mass * chain.spacing**2
+    (damping, friction), (of_damping, of_friction) = moved.drag, moved.drag_deviations
+    masses = tuple((moved.masses - 1).tolist())
+    chain = replace(
+        chain,
+        damping=unit * max(damping, 0.0),
+        deviations=replace(chain.deviations, mass=masses, damping=()),
+    )
+    return chain, {
+        'damping_deviation': unit * of_damping,
+        'friction': unit * friction,
+        'friction_deviation': unit * of_friction,
+        'spacing_deviation': moved.gravity_deviation or math.nan,
+    }
+
+
 def by_bonds(
     found: Adjustment,
     given: Chain,
@@ -163,20 +180,7 @@ def by_bonds(
     chain = found.lengths.scaled(given.spacing).chain(given)
     forces: dict[str, Any] = {}
     if moved is not None:
-        unit = chain.mass * chain.spacing**2
-        (damping, friction), (of_damping, of_friction) = moved.drag, moved.drag_deviations
-        masses = tuple((moved.masses - 1).tolist())
-        chain = replace(
-            chain,
-            damping=unit * max(damping, 0.0),
-            deviations=replace(chain.deviations, mass=masses, damping=()),
-        )
-        forces = {
-            'damping_deviation': unit * of_damping,
-            'friction': unit * friction,
-            'friction_deviation': unit * of_friction,
-            'spacing_deviation': moved.gravity_deviation or math.nan,
-        }
+        chain, forces = _with_forces(chain, moved)
         deviations['mass'] = moved.mass_deviations
     rigid = found.noise <= STRAINED * reading_noise
     warnings = [*obstacle_warnings(chain, found.lengths, found.covariance)]

@@ -194,12 +194,11 @@ def _stamp_findings(frames: WatchedFrames) -> Iterator[RigFinding]:
     elapsed = float(arrivals[-1] - arrivals[0])
     if np.isnan(stamps).any():
         yield RigFinding(WRONG, 'rate', f'{len(stamps) / elapsed:.3g} frames per second arrive')
-        yield RigFinding(
-            WRONG,
-            'stamps',
+        text = (
             'frames have no stamps; stamp each frame with the time of its measurement, or set the '
-            'parameter stamps of soliton_analyser to arrival',
+            'parameter stamps of soliton_analyser to arrival'
         )
+        yield RigFinding(WRONG, 'stamps', text)
         return
     intervals = np.diff(stamps)
     repeated, backward = int((intervals == 0).sum()), int((intervals < 0).sum())
@@ -214,48 +213,50 @@ def _stamp_findings(frames: WatchedFrames) -> Iterator[RigFinding]:
         rate += f', of which {missing} of {len(stamps) + missing} are missing'
     yield RigFinding(DOUBTFUL if missing else RIGHT, 'rate', rate)
     if repeated or backward:
-        yield RigFinding(
-            WRONG,
-            'stamps',
+        text = (
             f'{repeated} of {len(stamps)} stamps are repeated and {backward} are earlier than the '
-            'stamp before; publish each frame once, in the order of the stamps',
+            'stamp before; publish each frame once, in the order of the stamps'
         )
-    whole = intervals[intervals < _LATE * period]
-    jitter = robust_deviation(np.abs(whole - period)) / np.sqrt(2)
+        yield RigFinding(WRONG, 'stamps', text)
+    yield _jitter_finding(intervals[intervals < _LATE * period] - period)
+    yield _clock_finding(stamps, arrivals)
+
+
+def _jitter_finding(lateness: Array) -> RigFinding:
+    jitter = robust_deviation(np.abs(lateness)) / np.sqrt(2)
     steady = jitter < _LARGEST_JITTER
     remedy = '; measure at equal intervals, and stamp frames where they are measured'
     text = f'the stamps jitter by {1e3 * jitter:.3g} ms{"" if steady else remedy}'
-    yield RigFinding(RIGHT if steady else DOUBTFUL, 'jitter', text)
+    return RigFinding(RIGHT if steady else DOUBTFUL, 'jitter', text)
+
+
+def _clock_finding(stamps: Array, arrivals: Array) -> RigFinding:
     ages = arrivals - stamps
     # In the first and in the last third, the frame of the smallest age is not delayed.
     third = len(ages) // 3
     youngest = [int(np.argmin(ages[:third])), int(np.argmin(ages[-third:])) - third]
     speed = float(np.diff(stamps[youngest])[0] / np.diff(arrivals[youngest])[0])
     age, least = float(np.median(ages)), float(ages.min())
+    state = DOUBTFUL
     if abs(speed - 1) > _LARGEST_SLOWNESS:
-        yield RigFinding(
-            DOUBTFUL,
-            'clock',
+        text = (
             f'the stamps advance by {speed:.3g} s in a second of the clock: a simulator or a bag '
-            'player does not run in real time, or the clock of the stamps is wrong',
+            'player does not run in real time, or the clock of the stamps is wrong'
         )
     elif age > _LARGEST_AGE > least:
-        yield RigFinding(
-            DOUBTFUL,
-            'clock',
+        text = (
             f'frames arrive {age:.3g} s after their stamps, the fastest one {least:.3g} s: the '
-            'driver or this machine is too slow; publish fewer frames',
+            'driver or this machine is too slow; publish fewer frames'
         )
     elif not -_LARGEST_LEAD < age < _LARGEST_AGE:
-        side = 'behind' if age > 0 else 'ahead of'
-        yield RigFinding(
-            WRONG,
-            'clock',
+        state, side = WRONG, 'behind' if age > 0 else 'ahead of'
+        text = (
             f'the stamps are {abs(age):.3g} s {side} the clock of this machine; synchronise the '
-            'clocks, for example by NTP; restart a simulator that was slower than real time',
+            'clocks, for example by NTP; restart a simulator that was slower than real time'
         )
     else:
-        yield RigFinding(RIGHT, 'clock', f'frames arrive {1e3 * age:.3g} ms after their stamps')
+        state, text = RIGHT, f'frames arrive {1e3 * age:.3g} ms after their stamps'
+    return RigFinding(state, 'clock', text)
 
 
 def _missing_frames(stamps: Array, period: float) -> int:
@@ -443,8 +444,7 @@ def _passage_findings(angles: Array, names: Sequence[str]) -> Iterator[RigFindin
         return
     try:
         check_motion(readings, names)
-        yield RigFinding(
-            RIGHT, 'passage', 'a soliton passed, and all rotors moved like neighbours'
-        )
+        text = 'a soliton passed, and all rotors moved like neighbours'
+        yield RigFinding(RIGHT, 'passage', text)
     except ValueError as error:
         yield RigFinding(WRONG, 'passage', str(error))
