@@ -36,6 +36,7 @@ from soliton_linkage.compiling import (
     f8_2d,
     f8_3d,
     i8_1d,
+    inlined,
 )
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.linkage.springs import spring_between
@@ -53,14 +54,13 @@ NO_SOURCE, UNMOVED, BY_FORCE = -1, -2, -3
 spring = compile_loop(spring_between, inlined=True)
 
 
-@compiled(const_f8_2d, const_f8_1d, f8_1d, f8_1d, f8_2d, f8_2d)
-def accelerate(
-    table: Array, forces: Array, angles: Array, rates: Array, work: Array, direct: Array
+@inlined
+def put_torques_without_springs(
+    table: Array, forces: Array, angles: Array, rates: Array, work: Array
 ) -> None:
-    """Compute accelerations and their derivatives for angles [rad] and rates [rad/s], (N,) each.
+    """Store the torques of damping, friction and gravity in `work`, and their derivatives.
 
-    The results are stored in `work` and `direct`. If `direct` is empty, derivatives are not
-    computed.
+    ACCELERATION and MAIN are torques until `accelerate` divides them by the moments of inertia.
     """
     rotors, values, inertias = angles.size, work[ACCELERATION], table[INERTIA]
     gravity = forces[ALONG] != 0.0 or forces[DOWN] != 0.0
@@ -76,6 +76,19 @@ def accelerate(
             work[FALL, n] = (forces[DOWN] * s + forces[ALONG] * c) / table[R, n]
             values[n] += inertias[n] * work[FALL, n]
             work[MAIN, n] = inertias[n] / table[R, n] * (forces[DOWN] * c - forces[ALONG] * s)
+
+
+@compiled(const_f8_2d, const_f8_1d, f8_1d, f8_1d, f8_2d, f8_2d)
+def accelerate(
+    table: Array, forces: Array, angles: Array, rates: Array, work: Array, direct: Array
+) -> None:
+    """Compute accelerations and their derivatives for angles [rad] and rates [rad/s], (N,) each.
+
+    The results are stored in `work` and `direct`. If `direct` is empty, derivatives are not
+    computed.
+    """
+    put_torques_without_springs(table, forces, angles, rates, work)
+    rotors, values, inertias = angles.size, work[ACCELERATION], table[INERTIA]
     derivatives = direct.size > 0
     direct[:rotors] = 0.0
     work[BELOW, 0] = work[ABOVE, rotors - 1] = 0.0
