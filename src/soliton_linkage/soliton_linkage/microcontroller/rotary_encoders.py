@@ -17,7 +17,7 @@ from soliton_linkage.linkage.quantities import check_quantities, quantity
 from soliton_linkage.microcontroller.device_clock import DeviceClock
 from soliton_linkage.microcontroller.frames import READINGS, SEQUENCES, FrameKind, SerialFrame
 
-_COMPARED_NUMBERS = 4
+_COMPARED_NUMBERS = 8
 """Number of previous frame numbers with which a new frame number is compared."""
 
 
