@@ -4,6 +4,7 @@
 import math
 from functools import lru_cache
 
+import mpmath
 import numpy as np
 import pytest
 from chains import (
@@ -17,7 +18,7 @@ from chains import (
     any_chain,
     chain_of,
 )
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from linkage_motion import distance
 
@@ -30,6 +31,7 @@ from soliton_linkage_studies.unit_cell import (
     configuration_curves,
     flipper_limit,
     ground_states,
+    partner_angles,
     spinner_limit,
     windings,
 )
@@ -56,6 +58,37 @@ def near_transition(draw: st.DrawFn) -> tuple[Chain, Chain]:
 def extensions(chain: Chain, configurations: Array) -> Array:
     """Return the extension of the bar in staggered configurations [m], (..., 2) to (...)."""
     return chain.spring_extensions(staggered(configurations))[..., 0]
+
+
+def reference_partners(chain: Chain, theta_1: float) -> tuple[mpmath.mpf, list[mpmath.mpf]]:
+    """Return the radicand [m^2] and the solutions with forty digits."""
+    r, a, angle, rest = map(
+        mpmath.mpf, (chain.rotor_length, chain.spacing, theta_1, chain.rest_angle)
+    )
+    p, q = r * mpmath.cos(angle), a - r * mpmath.sin(angle)
+    g = r * mpmath.cos(2 * rest) + a * mpmath.sin(angle)
+    square = p**2 + q**2 - g**2
+    if square < 0:
+        return square, []
+    towards, away = mpmath.atan2(q, p), mpmath.acos(g / mpmath.sqrt(p**2 + q**2))
+    return square, [towards - away, towards + away]
+
+
+@given(any_chain(2, 2), ANGLES)
+def test_the_partners_agree_with_forty_digit_solutions(chain, angle):
+    with mpmath.workdps(40):
+        square, expected = reference_partners(chain, angle)
+        # A length error changes the second angle by this error over the root of the radicand.
+        reach = chain.spacing + 2 * chain.rotor_length
+        root = float(mpmath.sqrt(abs(square)))
+        assume(root > 1e-6 * reach)
+        found = partner_angles(chain, angle)
+        if not expected:
+            assert np.isnan(found).all()
+            return
+        for partner, reference in zip(found, expected, strict=True):
+            error = float(mpmath.mpf(float(partner)) - reference)
+            assert abs(math.remainder(error, 2 * math.pi)) <= 16 * EPS * (1 + reach / root)
 
 
 @settings(max_examples=10)

@@ -18,7 +18,7 @@ from soliton_linkage.linear.statics import rest_state
 from soliton_linkage.linkage.chain import Array, Chain, Motion
 from soliton_linkage.linkage.quantities import CheckedQuantities, quantity
 from soliton_linkage.linkage.recording import Recording
-from soliton_linkage.solitons.passage import blocked_bonds, motion_of_bonds
+from soliton_linkage.solitons.passage import blocked_bonds, find_obstacles, motion_of_bonds
 from soliton_linkage.solitons.track import Crossing, Track, find_crossings, follow
 from soliton_linkage_studies.experiments import kick_rates
 
@@ -77,6 +77,25 @@ def follow_wall(chain: Chain, edge: Edge = Edge.FIRST, legs: int = 2) -> tuple[L
         start, way = _leg(simulation, start)
         ways.append(way)
     return tuple(ways)
+
+
+def check_passable(chain: Chain) -> None:
+    """Raise ValueError if the chain is periodic, or if a wall cannot cross it and return."""
+    _check_ends(chain)
+    obstacles = find_obstacles(chain)
+    if not obstacles:
+        return
+    last = follow_wall(chain)[-1]
+    if last.crossed:
+        return
+    obstacle = min(obstacles, key=lambda one: abs(one.bond + 0.5 - last.furthest))
+    first, second = obstacle.rotor_lengths
+    raise ValueError(
+        f'the wall turns back at rotor {last.furthest:.1f} of 0 to {chain.number_of_rotors - 1}: '
+        f'on bond {obstacle.bond} between rotors of {first:.6g} m and {second:.6g} m, '
+        f'{obstacle.spacing:.6g} m apart, the spring of {obstacle.rest_length:.6g} m '
+        f'{obstacle.reason}; lower the deviations of the chain there'
+    )
 
 
 def _leg(simulation: RigidSimulation, left: int) -> tuple[int, Leg]:

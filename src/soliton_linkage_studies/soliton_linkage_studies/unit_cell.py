@@ -43,6 +43,25 @@ _CLOSED = 1e-6
 [turns]."""
 
 
+def partner_angles(chain: Chain, theta_1: ArrayLike) -> Array:
+    """Return both angles theta_2 [rad] that are possible for each theta_1 [rad], shape (..., 2).
+
+    If no theta_2 is possible, both are NaN.
+
+    The bar has its rest length if p cos(theta_2) + q sin(theta_2) = g with p = r cos(theta_1), q =
+    a - r sin(theta_1) and g = r cos(2 theta_bar) + a sin(theta_1). The solutions are atan2(q, p)
+    -+ atan2(sqrt(p^2 + q^2 - g^2), g). The radicand is evaluated as the product
+
+        p^2 + q^2 - g^2 = (lbar - 2 r cos(theta_bar)^2 - a sin(theta_1))
+                          (lbar + 2 r cos(theta_bar)^2 + a sin(theta_1)).
+
+    The first factor is 0 if d = d_c and theta_1 = pi / 2. Near these values the factor is computed
+    without cancellation of digits.
+    """
+    factor, partners = _partners(chain, np.asarray(theta_1, dtype=np.float64))
+    return np.where(factor[..., None] >= 0, partners, np.nan)
+
+
 def configuration_curves(chain: Chain, points: int = 400) -> tuple[Array, ...]:
     """Return the components of the cell's configuration space as closed curves on the torus.
 
@@ -142,7 +161,7 @@ class _Arc:
         return np.stack([self._theta_1(theta_2), theta_2], axis=-1)
 
     def _theta_1(self, theta_2: Array) -> Array:
-        return -_partner(self._chain, -theta_2)
+        return -_partners(self._chain, -theta_2)[1][..., 0]
 
     def _rate(self, theta_2: Array) -> Array:
         chain = self._chain
@@ -160,19 +179,8 @@ def _solved(rate: Callable[..., Array], span: tuple[float, float], start: float)
     return solve_ivp(rate, span, [start], method='DOP853', dense_output=True, **tolerances)
 
 
-def _partner(chain: Chain, theta_1: Array) -> Array:
-    """Return the smaller one of the two angles theta_2 that are possible for theta_1 [rad], (...).
-
-    The bar has its rest length if p cos(theta_2) + q sin(theta_2) = g with p = r cos(theta_1), q =
-    a - r sin(theta_1) and g = r cos(2 theta_bar) + a sin(theta_1). The solutions are atan2(q, p)
-    -+ atan2(sqrt(p^2 + q^2 - g^2), g). The radicand is evaluated as the product
-
-        p^2 + q^2 - g^2 = (lbar - 2 r cos(theta_bar)^2 - a sin(theta_1))
-                          (lbar + 2 r cos(theta_bar)^2 + a sin(theta_1)).
-
-    The first factor is 0 if d = d_c and theta_1 = pi / 2. Near these values the factor is computed
-    without cancellation of digits.
-    """
+def _partners(chain: Chain, theta_1: Array) -> tuple[Array, Array]:
+    """Return the first factor of the radicand in `partner_angles` [m], and both solutions."""
     r, a, lbar = chain.rotor_length, chain.spacing, chain.rest_length
     sine, cosine = np.sin(theta_1), np.cos(theta_1)
     height = 2 * r * math.cos(chain.rest_angle) ** 2
@@ -180,7 +188,8 @@ def _partner(chain: Chain, theta_1: Array) -> Array:
     first = narrowest + 2 * a * np.sin(np.pi / 4 - theta_1 / 2) ** 2
     root = np.sqrt(np.maximum(first, 0) * (lbar + height + a * sine))
     towards = np.arctan2(a - r * sine, r * cosine)
-    return np.asarray(towards - np.arctan2(root, r * math.cos(2 * chain.rest_angle) + a * sine))
+    away = np.arctan2(root, r * math.cos(2 * chain.rest_angle) + a * sine)
+    return first, np.stack([towards - away, towards + away], axis=-1)
 
 
 def _excess(chain: Chain) -> float:

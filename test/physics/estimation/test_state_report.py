@@ -30,6 +30,7 @@ from soliton_linkage.linear.statics import length_rounding
 from soliton_linkage.linkage.chain import Array, Chain, Motion
 from soliton_linkage.solitons.continuum import FlipperTheory
 from soliton_linkage.solitons.static_wall import static_wall
+from soliton_linkage.solitons.tanh_fit import topological_charge
 
 ROTORS = 60
 TOGGLED = ((False, False), (False, True), (True, True), (True, False))
@@ -157,7 +158,7 @@ def test_winding_numbers_of_the_two_sides_differ_by_the_charge(example, site, le
     chain = chain_of(example, ROTORS)
     state = static_wall(chain, site, leg, turned)
     found = topology(chain, state, site)
-    assert found.charge == 1
+    assert found.charge == topological_charge(chain, state) == 1
     assert found.winding_numbers[1] - found.winding_numbers[0] == found.charge
     assert found.polarisations[0] > 0 > found.polarisations[1]
 

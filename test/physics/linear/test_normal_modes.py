@@ -13,15 +13,21 @@ from linkage_motion import wall_between
 from mpmath import mp, mpf
 
 from soliton_linkage.dynamics.elastic import simulate
-from soliton_linkage.linear.bands import band_edges, dispersion
+from soliton_linkage.linear.bands import band_edges, density_of_states, dispersion
 from soliton_linkage.linear.normal_modes import (
+    NormalModes,
+    mode_density,
+    mode_energies,
+    mode_frequencies,
     normal_modes,
+    phonon_energies,
     phonon_energy,
 )
 from soliton_linkage.linear.rigidity import (
     dynamical_matrix,
     mode_towards_last,
     rigidity_bands,
+    rigidity_matrix,
     zero_mode,
 )
 from soliton_linkage.linear.statics import rest_state, unstretched
@@ -81,10 +87,13 @@ def test_the_frequencies_of_a_free_chain_have_their_closed_form(chain, lean):
     rotors = chain.number_of_rotors
     wave_numbers = np.pi * np.arange(1, rotors) / (rotors * chain.spacing)
     expected = np.concatenate([[0.0], np.sort(dispersion(chain, wave_numbers))])
-    frequencies = normal_modes(chain, chain.uniform_state(lean)).frequencies
-    assert frequencies == pytest.approx(expected, rel=0, abs=rounding(chain))
-    assert frequencies[0] == 0
-    assert (np.diff(frequencies) >= 0).all()
+    for frequencies in (
+        normal_modes(chain, chain.uniform_state(lean)).frequencies,
+        mode_frequencies(chain, chain.uniform_state(lean)),
+    ):
+        assert frequencies == pytest.approx(expected, rel=0, abs=rounding(chain))
+        assert frequencies[0] == 0
+        assert (np.diff(frequencies) >= 0).all()
 
 
 @given(any_chain(fewest=3, most=30), LEANS, st.sampled_from([-1, 1]))
@@ -119,6 +128,7 @@ def test_frequencies_have_the_digits_of_the_levers_down_to_rounding_of_the_large
         expected = np.array([0.0, *sorted(float(mp.sqrt(abs(square))) for square in squares)])
     limit = 32 * EPS * expected[-1]
     assert normal_modes(heavy, angles).frequencies == pytest.approx(expected, rel=0, abs=limit)
+    assert mode_frequencies(heavy, angles) == pytest.approx(expected, rel=0, abs=limit)
 
 
 @pytest.mark.parametrize(('chain', 'angles'), RELAXED)
@@ -139,14 +149,14 @@ def test_shapes_are_orthonormal_eigenvectors_and_the_slowest_is_the_zero_mode(ch
     assert np.abs(shape * np.sign(shape @ mode) - mode).max() <= limit
 
 
-def energies_of_modes(chain: Chain, angles: Array, rates: Array) -> Array:
-    """Return the energy of each mode [J], from the coordinates of the motion in the modes."""
-    relaxed = unstretched(chain, angles)
-    modes = normal_modes(chain, relaxed)
-    coordinates, speeds = (
-        (chain.moments_of_inertia * each) @ modes.shapes for each in (angles - relaxed, rates)
-    )
-    return np.asarray(0.5 * (speeds**2 + (modes.frequencies * coordinates) ** 2))
+@pytest.mark.parametrize(('chain', 'angles'), RELAXED)
+def test_energies_of_modes_add_up_to_that_of_the_linearised_springs(chain, angles):
+    displacement, rates = random_motion(chain)
+    energies = mode_energies(normal_modes(chain, angles), displacement, rates)
+    stretches = rigidity_matrix(chain, angles) @ displacement
+    expected = 0.5 * chain.stiffnesses @ stretches**2 + chain.kinetic_energy(rates)
+    assert energies.sum() == pytest.approx(expected, rel=200 * EPS)
+    assert (energies >= 0).all()
 
 
 @pytest.mark.parametrize(('chain', 'angles'), RELAXED)
@@ -155,10 +165,7 @@ def test_energies_of_phonons_add_up_to_the_whole_to_third_order(chain, angles):
     errors = []
     for size in sizes:
         displacement, rates = random_motion(chain, size)
-        energies = energies_of_modes(chain, angles + displacement, rates)
-        if not chain.periodic:
-            left = phonon_energy(chain, angles + displacement, rates)
-            assert left == pytest.approx(energies[1:].sum(), rel=1e-9)
+        _, energies = phonon_energies(chain, angles + displacement, rates)
         errors.append(energies.sum() - total_energy(chain, angles + displacement, rates))
     orders = np.diff(np.log(np.abs(errors))) / np.diff(np.log(sizes))
     assert orders == pytest.approx(3, abs=0.1)
@@ -169,7 +176,7 @@ def test_a_nudge_along_the_zero_mode_gives_no_energy_to_phonons(chain, angles):
     rates = 3 / chain.time_unit * zero_mode(chain, angles)
     whole = total_energy(chain, angles, rates)
     assert phonon_energy(chain, angles, rates) <= 1e-20 * whole
-    energies = energies_of_modes(chain, angles, rates)
+    _, energies = phonon_energies(chain, angles, rates)
     assert energies[0] == pytest.approx(whole, rel=100 * EPS)
 
 
@@ -208,15 +215,19 @@ def test_the_modes_of_a_long_chain_have_the_density_of_states():
     for example in EXAMPLES:
         chain = chain_of(example, 500)
         lowest, highest = band_edges(chain)
-        frequencies = normal_modes(chain, chain.uniform_state(-1)).frequencies
+        frequencies = mode_frequencies(chain, chain.uniform_state(-1))
         edges = np.linspace(lowest, highest, 12)
         edges[[0, -1]] = 0.9 * lowest, 1.1 * highest
-        counts, _ = np.histogram(frequencies, edges)
+        counts = mode_density(frequencies, edges) * np.diff(edges) * 500
         squares = np.clip(edges, lowest, highest) ** 2
         shares = (squares - lowest**2) / (highest**2 - lowest**2)
         phases = 2 * np.arcsin(np.sqrt(np.clip(shares, 0, 1)))
         # Wave numbers lie pi / 500 apart, and one mode is the zero mode.
         assert np.abs(counts - 500 * np.diff(phases) / np.pi).max() <= 1
+        middle = (edges[5] + edges[6]) / 2
+        assert counts[5] / 500 / (edges[6] - edges[5]) == pytest.approx(
+            float(density_of_states(chain, middle)), rel=0.1
+        )
 
 
 def test_a_hundred_thousand_rotors_have_an_energy_of_phonons():
@@ -232,17 +243,42 @@ def test_a_hundred_thousand_rotors_have_an_energy_of_phonons():
 def test_modes_about_stretched_springs_are_rejected():
     chain = chain_of(FLIPPER, 5)
     angles = chain.uniform_state(1) + 0.1 * np.eye(5)[2]
-    with pytest.raises(ValueError, match=r'spring \d is stretched by .* more than 1e-06'):
-        normal_modes(chain, angles)
+    for function in (normal_modes, mode_frequencies):
+        with pytest.raises(ValueError, match=r'spring \d is stretched by .* more than 1e-06'):
+            function(chain, angles)
 
 
 def test_angles_and_rates_that_do_not_fit_the_chain_are_rejected():
     chain = chain_of(FLIPPER, 5)
     angles, zeros = chain.uniform_state(1), np.zeros(5)
     for wrong in (zeros[:4], np.array([0, 0, np.nan, 0, 0])):
-        with pytest.raises(ValueError, match='angle'):
-            normal_modes(chain, wrong)
-        with pytest.raises(ValueError, match='angle'):
-            phonon_energy(chain, wrong, zeros)
-        with pytest.raises(ValueError, match='rate'):
-            phonon_energy(chain, angles, wrong)
+        for function in (normal_modes, mode_frequencies):
+            with pytest.raises(ValueError, match='angle'):
+                function(chain, wrong)
+        for function in (phonon_energies, phonon_energy):
+            with pytest.raises(ValueError, match='angle'):
+                function(chain, wrong, zeros)
+            with pytest.raises(ValueError, match='rate'):
+                function(chain, angles, wrong)
+
+
+def test_a_motion_that_does_not_fit_the_modes_is_rejected():
+    for shape in [(4,), (2, 6), ()]:
+        chain = chain_of(FLIPPER, 5)
+        modes: NormalModes = normal_modes(chain, chain.uniform_state(1))
+        wrong, fitting = np.zeros(shape), np.zeros(5)
+        with pytest.raises(ValueError, match=r'displacements of shape .* the modes of 5 rotors'):
+            mode_energies(modes, wrong, fitting)
+        with pytest.raises(ValueError, match=r'rates of shape .* the modes of 5 rotors'):
+            mode_energies(modes, fitting, wrong)
+
+
+def test_a_density_of_no_frequencies_or_without_bins_is_rejected():
+    for frequency in [np.nan, np.inf, -1.0]:
+        with pytest.raises(ValueError, match=rf'frequency = {frequency} rad/s must be'):
+            mode_density([1.0, frequency], [0.0, 2.0])
+        with pytest.raises(ValueError, match='density of 0 modes'):
+            mode_density([], [0.0, 2.0])
+    for edges in [[0.0], [0.0, 0.0], [2.0, 1.0], [[0.0, 1.0]], [0.0, np.inf]]:
+        with pytest.raises(ValueError, match=r'edges of bins = .* in ascending order'):
+            mode_density([1.0], edges)

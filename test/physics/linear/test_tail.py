@@ -5,11 +5,43 @@ import math
 
 import numpy as np
 import pytest
-from chains import FLIPPER, STRONG_WOBBLER, WOBBLER, chain_of
+from chains import EPS, FLIPPER, STRONG_WOBBLER, WOBBLER, any_chain, chain_of
+from hypothesis import assume, given
 from linkage_motion import wall_between
 
-from soliton_linkage.linear.bands import exact_tail
+from soliton_linkage.linear.bands import continuum_tail, exact_tail, wobble_exponents
 from soliton_linkage.linkage.chain import staggered
+
+
+@given(any_chain())
+def test_the_wobble_solves_its_equation(chain):
+    ub, a = chain.rotor_length * math.sin(chain.rest_angle), chain.spacing
+    assume(abs(chain.lean_ratio * math.sqrt(2) - 1) > 1e-6)
+    plus, minus = wobble_exponents(chain)
+    assert plus + minus == pytest.approx(2 / ub, rel=8 * EPS)
+    assert plus * minus == pytest.approx(8 / a**2, rel=32 * EPS)
+    for exponent in (plus, minus):
+        terms = (a * exponent) ** 2 / 8, -(a**2) * exponent / (4 * ub), 1
+        assert abs(sum(terms)) <= 1e3 * EPS * sum(map(abs, terms))
+        assert exponent.real > 0
+    oscillates = chain.lean_ratio > 1 / math.sqrt(2)
+    assert (plus.imag != 0) == oscillates
+    tail = continuum_tail(chain)
+    assert (tail.wave_number > 0) == oscillates
+    if oscillates:
+        assert tail.decay_length == pytest.approx(ub, rel=8 * EPS)
+        assert tail.wave_number < math.sqrt(8) / a
+    else:
+        assert tail.decay_length >= ub
+
+
+def test_the_tails_agree_far_from_d_1():
+    narrow, wide = chain_of((0.5, 0.02), 2), chain_of((20.0, 1.5), 2)
+    for chain, rel in ((narrow, 1e-3), (wide, 1e-3)):
+        exact, continuum = exact_tail(chain), continuum_tail(chain)
+        assert exact.decay_length == pytest.approx(continuum.decay_length, rel=rel)
+    assert continuum_tail(wide).wave_number * wide.spacing == pytest.approx(2.828, abs=1e-3)
+    assert exact_tail(wide).wave_number * wide.spacing == pytest.approx(math.pi)
 
 
 def test_the_tail_changes_its_kind_at_d_1():

@@ -8,7 +8,7 @@ import mpmath
 import numpy as np
 import pytest
 from chains import EPS, FLIPPER, SPINNER, any_chain, chain_of
-from continuum_theories import Theory, elastic_density, kinetic_density, theory_of
+from continuum_theories import Theory, theory_of
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
@@ -80,8 +80,8 @@ def test_a_boosted_wall_makes_the_action_stationary(theory, fraction, charge, ce
 
     def terms(fraction: float) -> tuple[float, float]:
         moved, steeper = values + fraction * bump, slopes + fraction * bump_slopes
-        kinetic = kinetic_density(theory, -velocity * steeper)
-        elastic = elastic_density(theory, moved, steeper)
+        kinetic = theory.kinetic_density(-velocity * steeper)
+        elastic = theory.elastic_density(moved, steeper)
         return float(kinetic.sum()), float(elastic.sum())
 
     step = 1e-4
@@ -100,13 +100,13 @@ def test_energies_are_the_integrals_of_their_densities(theory, fraction, charge)
 
     def kinetic(x: float) -> float:
         slopes = slope(theory, np.array(x * width), velocity, charge)
-        return float(kinetic_density(theory, velocity * slopes)) * width
+        return float(theory.kinetic_density(velocity * slopes)) * width
 
     def elastic(x: float) -> float:
         position = np.array(x * width)
         slopes = slope(theory, position, velocity, charge)
         values = field(theory, position, velocity, charge)
-        return float(elastic_density(theory, values, slopes)) * width
+        return float(theory.elastic_density(values, slopes)) * width
 
     limit = 1e-8 * theory.energy_scale
     in_motion = quad(kinetic, -20, 20, epsabs=limit / 10, limit=200)[0]
@@ -232,8 +232,10 @@ def test_invalid_arguments_are_rejected():
         (lambda f, s: s.energy(math.nan), 'velocity = nan m/s must stay'),
         (lambda f, s: f.displacements([0.0], 0.0, math.inf), 'velocity = inf m/s must stay'),
         (lambda f, s: f.energy(0.0, 0), r'charge = 0 must be \+1 or -1'),
+        (lambda f, s: f.extensions([0.0], charge=2), r'charge = 2 must be'),
         (lambda f, s: s.state(0.0, charge=3), r'charge = 3 must be'),
         (lambda f, s: s.state(0.0, turn=0), r'turn = 0 must be'),
+        (lambda f, s: s.extensions([0.0], turn=2), r'turn = 2 must be'),
         (lambda f, s: s.staggered_angles([0.0], 2), 'sublattice = 2 must be 0'),
         (lambda f, s: f.speed_after_kick(math.nan), 'kick = nan m/s must be a finite'),
         (lambda f, s: f.speed_after_kick(1.0, 0.0), 'arc per site = 0.0 must be a finite'),

@@ -17,7 +17,12 @@ from soliton_linkage.linear.statics import equilibrium
 from soliton_linkage.linkage.chain import Array, displacement, staggered
 from soliton_linkage.solitons.continuum import FlipperTheory, SpinnerTheory
 from soliton_linkage.solitons.static_wall import site_arc
-from soliton_linkage.solitons.tanh_fit import find_solitons
+from soliton_linkage.solitons.tanh_fit import (
+    charge_of_field,
+    find_solitons,
+    half_turns,
+    topological_charge,
+)
 
 
 def test_flippers_lean_right_before_a_wall_of_charge_1_and_left_after_it():
@@ -33,8 +38,9 @@ def test_flippers_lean_right_before_a_wall_of_charge_1_and_left_after_it():
             )
             assert angles[:10] == pytest.approx(chain.uniform_state(charge)[:10], abs=1e-6)
             assert angles[-10:] == pytest.approx(chain.uniform_state(-charge)[-10:], abs=1e-6)
-            lean = displacement(chain, angles)
-            assert lean[0] - lean[-1] == pytest.approx(2 * charge * theory.lean, rel=1e-6)
+            assert topological_charge(chain, angles) == charge
+            field_charge = charge_of_field(displacement(chain, angles), theory.lean)
+            assert field_charge == pytest.approx(charge, abs=1e-6)
 
 
 def test_spinners_turn_by_half_a_turn_across_a_wall():
@@ -53,10 +59,46 @@ def test_spinners_turn_by_half_a_turn_across_a_wall():
             expected = theory.staggered_angles(positions, *wall)
             assert staggered(angles)[sublattice::2] == pytest.approx(expected)
         for image in (angles, -angles[::-1], angles + 4 * np.pi):
-            beyond = (image - chain.uniform_state(family))[[0, -1]]
-            assert np.diff(beyond) == pytest.approx(charge * turn * math.pi, abs=1e-3)
+            assert topological_charge(chain, image) == charge
+            assert half_turns(chain, image) == charge * turn
         soliton = find_solitons(chain, angles, rates)[0]
         assert (soliton.charge, math.copysign(1, soliton.velocity)) == (charge, sense)
+
+
+def test_extensions_of_a_flipper_wall_agree_with_the_chain():
+    for charge, fraction in [(-1, 0.0), (-1, 0.6), (1, 0.6)]:
+        errors = []
+        for rest_angle in (0.1, 0.05):
+            chain = chain_of((0.5, rest_angle), 401)
+            theory = FlipperTheory(chain, exact_sound=False)
+            velocity = fraction * theory.speed_of_sound
+            angles, _ = theory.state(200.3 * chain.spacing, velocity, charge)
+            between = chain.spacing * (np.arange(400) + 0.5)
+            expected = theory.extensions(between, 200.3 * chain.spacing, velocity, charge)
+            found = chain.spring_extensions(angles)
+            errors.append(np.abs(found - expected).max() / np.abs(expected).max())
+            assert (expected * charge <= 0).all()
+        # The continuum is exact to the second order in d.
+        assert errors[0] < 3 * FlipperTheory(chain_of((0.5, 0.1), 3)).chain.lean_ratio ** 2
+        assert errors[1] == pytest.approx(errors[0] / 4, rel=0.1)
+
+
+def test_extensions_of_a_spinner_wall_agree_with_the_chain():
+    for family in [-1, 1]:
+        for turn in [-1, 1]:
+            errors = []
+            for ratio in (10.0, 20.0):
+                chain = chain_of((ratio, 0.9), 401)
+                theory = SpinnerTheory(chain, False, family)
+                angles, _ = theory.state(200.3 * chain.spacing, 0.0, -1, turn)
+                between = chain.spacing * (np.arange(400) + 0.5)
+                expected = theory.extensions(between, 200.3 * chain.spacing, 0.0, -1, turn)
+                expected = expected * (-1.0) ** np.arange(400)
+                found = chain.spring_extensions(angles)
+                errors.append(np.abs(found - expected).max() / np.abs(expected).max())
+            # The continuum is exact to the first order in a / r.
+            assert errors[0] < 0.3
+            assert errors[1] == pytest.approx(errors[0] / 2, rel=0.1)
 
 
 def pair_on_a_ring(rest_angle: float, rotors: int) -> tuple[FlipperTheory, Array]:
@@ -172,8 +214,7 @@ def test_the_exact_wall_between_two_spinners_converges_to_the_theory():
                 theory = SpinnerTheory(chain, family=family)
                 angles, _ = theory.state((rotor + 0.5) * chain.spacing, 0.0, 1, turn)
                 errors.append(distance(angles, wall))
-                beyond = (angles - chain.uniform_state(family))[[0, -1]]
-                assert np.diff(beyond) == pytest.approx(turn * math.pi, abs=1e-3)
+                assert half_turns(chain, wall) == half_turns(chain, angles) == turn
             assert errors[0] < 0.01
             assert errors[0] / errors[1] == pytest.approx(4, rel=0.05)
             assert errors[1] / errors[2] == pytest.approx(4, rel=0.05)

@@ -3,6 +3,7 @@
 
 import dataclasses
 import math
+import re
 from functools import lru_cache
 
 import numpy as np
@@ -20,7 +21,7 @@ from soliton_linkage.solitons.passage import (
     length_excesses,
     motion_of_bonds,
 )
-from soliton_linkage_studies.measures import follow_wall
+from soliton_linkage_studies.measures import check_passable, follow_wall
 
 ROTORS = 7
 
@@ -170,6 +171,26 @@ def test_an_obstacle_has_the_number_and_the_lengths_of_its_bond(example, fractio
     assert motion_of_bonds(chain) is None
 
 
+def test_a_chain_whose_wall_reverses_is_rejected_with_the_bond_and_its_limit():
+    refused = 0
+    for seed in range(6):
+        chain = deviating(chain_of(FLIPPER, ROTORS), seed, 0.08)
+        if passes(chain):
+            check_passable(chain)
+            continue
+        with pytest.raises(ValueError, match='lower the deviations of the chain') as refusal:
+            check_passable(chain)
+        named = re.search(r'rotor \S+ of 0 to 6: on bond (\d)', str(refusal.value))
+        if named:
+            refused += 1
+            (obstacle,) = (each for each in find_obstacles(chain) if each.bond == int(named[1]))
+            first, second = obstacle.rotor_lengths
+            assert f'rotors of {first:.6g} m and {second:.6g} m' in str(refusal.value)
+            assert f'{obstacle.spacing:.6g} m apart' in str(refusal.value)
+            assert f'{obstacle.rest_length:.6g} m {obstacle.reason};' in str(refusal.value)
+    assert refused
+
+
 def test_rings_are_rejected_because_they_have_no_edges():
     for example in CLASSES:
         ring = dataclasses.replace(chain_of(example, 8), periodic=True)
@@ -178,3 +199,5 @@ def test_rings_are_rejected_because_they_have_no_edges():
         )
         with pytest.raises(ValueError, match=complaint):
             follow_wall(ring)
+        with pytest.raises(ValueError, match=complaint):
+            check_passable(ring)

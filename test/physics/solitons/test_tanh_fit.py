@@ -30,8 +30,11 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 from soliton_linkage.solitons.static_wall import site_arc, static_wall
 from soliton_linkage.solitons.tanh_fit import (
     Soliton,
+    charge_of_field,
     find_solitons,
+    half_turns,
     polarisation,
+    topological_charge,
 )
 
 # How far a fitted wall may be from the truth [rotor spacings], without noise.
@@ -293,3 +296,26 @@ def test_walls_on_a_ring_are_found_independent_of_the_numbering(example):
         sites = {soliton.charge: (soliton.rotor - shift) % 60 for soliton in found}
         assert sites == {1: pytest.approx(14.5, abs=0.02), -1: pytest.approx(44.5, abs=0.02)}
         assert all(soliton.position == soliton.rotor * ring.spacing for soliton in found)
+
+
+def test_uniform_states_have_no_charge_and_exact_walls_have_charge_1():
+    for example in EXAMPLES:
+        chain = chain_of(example, 40)
+        for lean in (-1, 1):
+            assert topological_charge(chain, chain.uniform_state(lean)) == 0
+        for turned in (False, True):
+            wall = wall_between(chain, 19, turned)
+            assert topological_charge(chain, wall) == 1
+            if chain.motion is Motion.SPINNER:
+                assert abs(half_turns(chain, wall)) == 1
+                assert half_turns(chain, chain.uniform_state(1)) == 0
+
+
+def test_charges_of_invalid_arguments_are_rejected():
+    chain = chain_of(FLIPPER, 3)
+    with pytest.raises(ValueError, match=r'lean = 0\.0 m must be a finite'):
+        charge_of_field([0, 1], 0.0)
+    with pytest.raises(ValueError, match='a flipper does not turn'):
+        half_turns(chain, np.zeros(3))
+    with pytest.raises(ValueError, match=r'angles of shape \(4,\)'):
+        topological_charge(chain, np.zeros(4))

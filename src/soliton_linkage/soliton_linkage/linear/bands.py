@@ -11,11 +11,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from soliton_linkage.linkage.chain import Array, Chain
+
+ComplexArray = NDArray[np.complex128]
 
 
 def couplings(chain: Chain, lean: int = 1) -> tuple[float, float]:
@@ -34,6 +37,34 @@ def couplings(chain: Chain, lean: int = 1) -> tuple[float, float]:
     return scale * (lean_across + chain.spacing), scale * (lean_across - chain.spacing)
 
 
+def bloch_matrix(chain: Chain, wave_numbers: ArrayLike, lean: int = 1) -> ComplexArray:
+    """Return the rigidity matrix R(k) of the cell of two rotors [m/rad], shape (..., 2, 2).
+
+    R(k) maps changes of the staggered angles of the two rotors of a cell to the extensions of the
+    two springs of the cell. With the results q+ and q- of `couplings`,
+    R(k) = -[[q+, q-], [q- e^(2 i k a), q+]]. Wave numbers [rad/m] must be finite and may be
+    complex. In the paper (section 1), the phase factor is in the lower right corner, which
+    exchanges the winding numbers of the two states.
+    """
+    plus, minus = couplings(chain, lean)
+    phases = _phases(chain, np.asarray(wave_numbers, dtype=np.complex128))
+    matrix = np.empty((*phases.shape, 2, 2), dtype=np.complex128)
+    matrix[..., 0, 0] = matrix[..., 1, 1] = -plus
+    matrix[..., 0, 1] = -minus
+    matrix[..., 1, 0] = -minus * np.exp(2j * phases)
+    return matrix
+
+
+def bloch_dynamical_matrix(chain: Chain, wave_numbers: ArrayLike, lean: int = 1) -> ComplexArray:
+    """Return the dynamical matrix D(k) = k_e R(k)^dagger R(k) / (M r^2) [rad^2/s^2], (..., 2, 2).
+
+    Wave numbers k [rad/m] must be finite and real. The eigenvalues are the squared frequencies.
+    """
+    matrix = bloch_matrix(chain, np.asarray(wave_numbers, dtype=np.float64), lean)
+    matrix /= chain.rotor_length * chain.time_unit
+    return np.asarray(np.conj(np.swapaxes(matrix, -1, -2)) @ matrix)
+
+
 def dispersion(chain: Chain, wave_numbers: ArrayLike, branch: int = 1) -> Array:
     """Return the angular frequencies [rad/s] of phonons with given finite wave numbers [rad/m].
 
@@ -43,14 +74,7 @@ def dispersion(chain: Chain, wave_numbers: ArrayLike, branch: int = 1) -> Array:
     """
     if branch not in (-1, 1):
         raise ValueError(f'branch = {branch!r} must be +1 or -1')
-    given = np.asarray(wave_numbers, dtype=np.float64)
-    wrong = given[~np.isfinite(given)]
-    if wrong.size:
-        raise ValueError(
-            f'wave number = {wrong[0]} rad/m must be a finite number; one zone reaches from '
-            '-pi/a to pi/a'
-        )
-    halves = given * chain.spacing / 2
+    halves = _phases(chain, np.asarray(wave_numbers, dtype=np.float64)) / 2
     lowest_at_0 = (chain.lean_ratio < 1) == (branch == 1)
     profile = np.sin(halves) if lowest_at_0 else np.cos(halves)
     return np.asarray(np.hypot(gap(chain), 2 * speed_of_sound(chain) / chain.spacing * profile))
@@ -143,16 +167,95 @@ def exact_tail(chain: Chain) -> Tail:
     return Tail(penetration_depth(chain), wave_number)
 
 
-def winding_number(chain: Chain, lean: int) -> int:
-    """Return how often det R(k) winds around 0 along the Brillouin zone [1].
+def wobble_exponents(chain: Chain) -> tuple[complex, complex]:
+    """Return the two exponents lambda [1/m] of the tail e^(lambda x) in the continuum.
 
-    The rigidity matrix R(k) of a cell of two rotors has the determinant q+^2 - q-^2 e^(2 i k a).
-    In the paper (section 1), the phase factor is in another corner of R, which exchanges the
-    winding numbers of the two states. If the result is 1, the zero mode is at the first edge; if
-    the result is 0, it is at the last edge.
+    The tail du(x) is the displacement minus ub = r sin(theta_bar), between rotor 0 and a kink,
+    where the chain leans right. The exponents are lambda_+- = 1 / ub +- sqrt(1 / ub^2 - 8 / a^2).
+    They follow from the equation (a^2 / 8) du'' - (a^2 / (4 ub)) du' + du = 0, which states that
+    the bars keep their lengths, up to terms in du''. In the paper (equation `wobblingode`), the
+    middle term has the opposite sign. On the other side of the kink, the exponents are -lambda_+-.
+    """
+    inverse = 1 / (chain.rotor_length * math.sin(chain.rest_angle))
+    square = (inverse - math.sqrt(8) / chain.spacing) * (inverse + math.sqrt(8) / chain.spacing)
+    if square < 0:
+        root = math.sqrt(-square)
+        return complex(inverse, root), complex(inverse, -root)
+    plus = inverse + math.sqrt(square)
+    return complex(plus), complex(8 / chain.spacing**2 / plus)
+
+
+def continuum_tail(chain: Chain) -> Tail:
+    """Return the tail e^(lambda x) for the one of the `wobble_exponents` that decays more slowly.
+
+    For d > 1 / sqrt(2), the tail oscillates, with the decay length ub = r sin(theta_bar). This
+    oscillation is an artefact of the continuum approximation. The decay length agrees with
+    `exact_tail` for d << 1 and d >> 1.
+    """
+    plus, minus = wobble_exponents(chain)
+    return Tail(1 / minus.real, plus.imag)
+
+
+def zero_mode_wave_number(chain: Chain, lean: int = 1) -> complex:
+    """Return the complex wave number k of the zero mode [rad/m], with e^(i k a) = -q+ / q-.
+
+    The imaginary part is -1 / ell in the right-leaning and 1 / ell in the left-leaning state, with
+    the penetration depth ell. The real part is 0 for d < 1 and pi / a for d > 1. For small d,
+    1 / ell tends to omega_0 / c; the paper (section 1) has k = sqrt(-omega_0) / c.
+    """
+    plus, minus = couplings(chain, lean)
+    depth = penetration_depth(chain)
+    growth = math.copysign(1 / depth if depth else math.inf, abs(plus) - abs(minus))
+    return complex(math.pi / chain.spacing if chain.lean_ratio > 1 else 0.0, -growth)
+
+
+def density_of_states(chain: Chain, frequencies: ArrayLike) -> Array:
+    """Return the density of modes of an infinite chain [modes / rotor / (rad/s)], shape (...).
+
+    Between the two `band_edges`, lowest and highest, the density is
+    2 omega / (pi sqrt((omega^2 - lowest^2) (highest^2 - omega^2))). Outside the band, the density
+    is 0. The integral of the density over all frequencies is 1. Raises ValueError for frequencies
+    [rad/s] that are negative or not finite.
+    """
+    given = np.asarray(frequencies, dtype=np.float64)
+    check_frequencies(given)
+    lowest, highest = band_edges(chain)
+    inside = (given >= lowest) & (given <= highest)
+    above = np.where(inside, (given - lowest) * (given + lowest), 1.0)
+    below = np.where(inside, (highest - given) * (highest + given), 1.0)
+    with np.errstate(divide='ignore'):
+        density = 2 * given / (np.pi * np.sqrt(above) * np.sqrt(below))
+    return np.asarray(np.where(inside, density, 0.0))
+
+
+def winding_number(chain: Chain, lean: int) -> int:
+    """Return how often det R(k) of `bloch_matrix` winds around 0 along the Brillouin zone [1].
+
+    The determinant is q+^2 - q-^2 e^(2 i k a). If the result is 1, the zero mode is at the first
+    edge; if the result is 0, it is at the last edge (paper, section 1).
 
     >>> [winding_number(Chain(), lean) for lean in (+1, -1)]
     [0, 1]
     """
     plus, minus = couplings(chain, lean)
     return int(abs(minus) > abs(plus))
+
+
+def check_frequencies(frequencies: Array) -> None:
+    """Raise ValueError for angular frequencies [rad/s] that are negative or not finite."""
+    wrong = frequencies[~(np.isfinite(frequencies) & (frequencies >= 0))]
+    if wrong.size:
+        raise ValueError(
+            f'frequency = {wrong[0]} rad/s must be a finite number of 0 or more; omit the sign, '
+            f'because both signs mean the same mode'
+        )
+
+
+def _phases(chain: Chain, wave_numbers: NDArray[Any]) -> NDArray[Any]:
+    wrong = wave_numbers[~np.isfinite(wave_numbers)]
+    if wrong.size:
+        raise ValueError(
+            f'wave number = {wrong[0]} rad/m must be a finite number; one zone reaches from '
+            '-pi/a to pi/a'
+        )
+    return wave_numbers * chain.spacing

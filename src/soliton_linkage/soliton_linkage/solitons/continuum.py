@@ -137,6 +137,15 @@ class WallTheory(ABC):
         gamma = self.lorentz_factor(velocity)
         return (gamma * self._ratio(velocity)) ** 2 / (gamma + 1)
 
+    def _misfit(self, velocity: float, charge: int) -> float:
+        """Return Q gamma - 1 [1].
+
+        Q gamma is the slope of the field in a wall, divided by the slope in a kink at rest where
+        the field has the same value.
+        """
+        excess = self._excess(velocity)
+        return excess if _checked_sign('charge', charge) > 0 else -2 - excess
+
     def _scaled(self, x: ArrayLike, position: float, velocity: float) -> Array:
         given = np.asarray(x, dtype=np.float64)
         scaled: Array = (given - position) / self.width(velocity)
@@ -202,6 +211,25 @@ class FlipperTheory(WallTheory):
         """Return the slope u' = (2 / a^2) (u^2 - ub^2) [1] in a kink at rest (paper, `phi4_1`)."""
         squares = np.square(np.asarray(displacements, dtype=np.float64))
         return np.asarray(2 / self.chain.spacing**2 * (squares - self.lean**2))
+
+    def elastic_density(self, displacements: ArrayLike, slopes: ArrayLike) -> Array:
+        """Return the elastic energy per length, (K / (2 a)) (ub^2 - u^2 + a^2 u' / 2)^2 [J/m]."""
+        chain = self.chain
+        misfit = np.asarray(slopes) - self.static_slope(displacements)
+        stretch = chain.spacing**2 * misfit / chain.rest_length
+        return np.asarray(chain.stiffness * stretch**2 / (2 * chain.spacing))
+
+    def kinetic_density(self, rates: ArrayLike) -> Array:
+        """Return the kinetic energy per length, (M / (2 a)) u_t^2 [J/m]."""
+        return np.asarray(self.chain.mass * np.square(rates) / (2 * self.chain.spacing))
+
+    def extensions(
+        self, x: ArrayLike, position: float = 0.0, velocity: float = 0.0, charge: int = 1
+    ) -> Array:
+        """Return the extensions of springs at x, -(2 / lbar) (Q gamma - 1) (ub^2 - u^2) [m]."""
+        squares = self.lean**2 * _sech_squared(self._scaled(x, position, velocity))
+        factor = -2 / self.chain.rest_length * self._misfit(velocity, charge)
+        return np.asarray(factor * squares)
 
     def state(
         self, position: float, velocity: float = 0.0, charge: int = 1
@@ -320,6 +348,35 @@ class SpinnerTheory(WallTheory):
     def static_slope(self, rotation: ArrayLike) -> Array:
         """Return the slope psi' = sin(psi) / (r sin(theta_bar)) in a kink at rest [rad/m]."""
         return np.asarray(np.sin(rotation) / self.chain.wall_width)
+
+    def elastic_density(self, rotation: ArrayLike, slopes: ArrayLike) -> Array:
+        """Return the elastic energy per length, (K / (2 a)) [psi' - sin(psi) / ub]^2 [J/m]."""
+        misfit = np.asarray(slopes) - self.static_slope(rotation)
+        return np.asarray(self.effective_stiffness * misfit**2 / (2 * self.chain.spacing))
+
+    def kinetic_density(self, rates: ArrayLike) -> Array:
+        """Return the kinetic energy per length, (I / (2 a)) psi_t^2 [J/m]."""
+        inertia = self.chain.moment_of_inertia
+        return np.asarray(inertia * np.square(rates) / (2 * self.chain.spacing))
+
+    def extensions(
+        self,
+        x: ArrayLike,
+        position: float = 0.0,
+        velocity: float = 0.0,
+        charge: int = 1,
+        turn: int = 1,
+    ) -> Array:
+        """Return the extension [m] of springs on the right of even rotors at positions x [m].
+
+        With the lever L = r^2 a sin(2 theta_bar) / lbar, the extension is
+        turn * family * L (Q gamma - 1) sin(psi) / ub. Springs on the right of odd rotors have the
+        opposite extension.
+        """
+        sign = _checked_sign('turn', turn) * self.family
+        factor = sign * self._lever * self._misfit(velocity, charge)
+        slope = self.static_slope(self.rotation(x, position, velocity, charge))
+        return np.asarray(factor * slope)
 
     def state(
         self, position: float, velocity: float = 0.0, charge: int = 1, turn: int = 1

@@ -282,3 +282,42 @@ def _polarisation_crossings(polarised: Array) -> list[tuple[float, int]]:
         part = polarised[left] / (polarised[left] - polarised[right])
         crossings.append((float(left + 0.5 + part * (right - left)), int(signs[change])))
     return crossings
+
+
+def charge_of_field(displacements: ArrayLike, lean: float) -> float:
+    """Return the topological charge of a field u(x), Q = [u(-inf) - u(+inf)] / (2 ub) [1].
+
+    `displacements` are the values of u along the chain [m], and `lean` is ub [m]. A wall with zero
+    energy has the charge +1. The paper (equation `soliton_charge`) has the opposite sign.
+    """
+    if not (math.isfinite(lean) and lean > 0):
+        raise ValueError(f'lean = {lean} m must be a finite number above 0')
+    field = np.asarray(displacements, dtype=np.float64)
+    return float(field[0] - field[-1]) / (2 * lean)
+
+
+def topological_charge(chain: Chain, angles: ArrayLike) -> int:
+    """Return the number of kinks (charge +1) minus the number of anti-kinks: 1, 0 or -1."""
+    if chain.periodic:
+        chain.check_angles(angles)
+        return 0
+    polarised = polarisation(chain, chain.check_angles(angles))
+    signs = np.sign(polarised[np.abs(polarised) > DOMAIN])
+    return int(signs[0] - signs[-1]) // 2 if len(signs) else 0
+
+
+def half_turns(chain: Chain, angles: ArrayLike) -> int:
+    """Return the number of half turns of the last rotor of a spinner relative to the first rotor.
+
+    Let x_n be the angle phi_n minus its value in a uniform state of the family of the spinner (see
+    `SpinnerTheory`). A wall contributes +1 if x_n is half a turn larger on the side of the last
+    rotor than on the side of rotor 0, and -1 if it is half a turn smaller. Whole turns between
+    neighbouring rotors do not count. Raises ValueError for a flipper.
+    """
+    if chain.motion is not Motion.SPINNER:
+        raise ValueError(f'a {chain.motion.value} does not turn; count the turns of a spinner')
+    checked = chain.check_angles(angles)
+    theta = staggered(checked)
+    family = 1 if np.sin(theta[:-1] + theta[1:]).sum() > 0 else -1
+    steps = np.diff(checked - chain.uniform_state(family)) / (2 * np.pi)
+    return round(2 * float(np.sum(steps - np.round(steps))))

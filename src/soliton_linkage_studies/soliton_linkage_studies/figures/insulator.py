@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from soliton_linkage.linear.bands import couplings, dispersion, penetration_depth, winding_number
-from soliton_linkage.linear.normal_modes import normal_modes
+from soliton_linkage.linear.normal_modes import mode_frequencies
 from soliton_linkage.linear.rigidity import mode_centre, zero_mode
 from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.solitons.static_wall import static_wall
@@ -96,7 +96,7 @@ def _draw_bands(report: FigureReport, axes: Axes, chains: list[Chain]) -> None:
         line = dispersion(chain, numbers / chain.spacing) * chain.time_unit
         axes.plot(numbers, line, '-', color=colour)
         rotors = chain.number_of_rotors
-        found = normal_modes(chain, chain.uniform_state(1)).frequencies[1:] * chain.time_unit
+        found = mode_frequencies(chain, chain.uniform_state(1))[1:] * chain.time_unit
         steps = np.arange(1, rotors) * math.pi / rotors
         ascending = np.argsort(dispersion(chain, steps / chain.spacing))
         placed = np.empty(rotors - 1)
@@ -115,7 +115,7 @@ def _compare(report: FigureReport, chain: Chain, rotors: int) -> None:
     name, spacing, unit = drawing.parameters(chain), chain.spacing, chain.time_unit
     lengths = spacing, chain.rotor_length, chain.rest_angle
     long_chain = Chain(rotors, *lengths, chain.mass, chain.stiffness)
-    frequencies = normal_modes(long_chain, long_chain.uniform_state(1)).frequencies[1:] * unit
+    frequencies = mode_frequencies(long_chain, long_chain.uniform_state(1))[1:] * unit
     mode = np.abs(zero_mode(chain, chain.uniform_state(1)))
     r, rest, d = chain.rotor_length, chain.rest_length, chain.lean_ratio
     paper = r**2 * math.sin(2 * chain.rest_angle) / (rest * spacing)
