@@ -9,7 +9,7 @@ from scipy.integrate import quad
 
 from soliton_linkage.estimation.likelihood import frame_likelihood
 from soliton_linkage.estimation.measurement import FrameLikelihood, LinearisedMeasurement
-from soliton_linkage.estimation.noise import FrameNoise, ResidualVariance
+from soliton_linkage.estimation.noise import FrameNoise, ResidualVariance, StampJitter
 from soliton_linkage.estimation.settings import DEFAULTS
 from soliton_linkage.linkage.chain import Array
 
@@ -116,6 +116,18 @@ def test_noise_is_separated_from_waves(wave, angle):
         assert math.sqrt(noise.persistent) == pytest.approx(wave / math.sqrt(2), rel=0.1, abs=1e-9)
         expected = math.hypot(0.02, wave / math.sqrt(2))
         assert math.sqrt(noise.scatter) == pytest.approx(expected, rel=0.25)
+
+
+@pytest.mark.parametrize('least', [1e-5, 0.04])
+@pytest.mark.parametrize('jump', [0.0, 1.0])
+def test_the_jitter_of_stamps_is_found_in_a_hundred_frames(least, jump):
+    random, jitter = np.random.default_rng(9), StampJitter()
+    for frame in range(100):
+        time = frame + 0.2 * random.standard_normal()
+        arc = 0.1 * frame + jump * (frame > 30) + 0.003 * random.standard_normal()
+        # The noise is unknown in the first frames.
+        jitter.update(time, arc, (least if frame < 3 else 0.003) ** 2, 0.1)
+    assert math.sqrt(jitter.variance) == pytest.approx(0.2, rel=0.35)
 
 
 def test_a_change_of_encoder_offsets_in_waves_does_not_change_the_noise():

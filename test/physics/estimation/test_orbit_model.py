@@ -18,6 +18,7 @@ from soliton_linkage.estimation.orbit_model import (
     ComplianceCorrection,
     UnseenRotorCorrection,
 )
+from soliton_linkage.estimation.settings import DEFAULTS
 from soliton_linkage.linear.bands import gap, speed_of_sound
 from soliton_linkage.linear.rigidity import dynamical_matrix, rigidity_matrix
 from soliton_linkage.linkage.chain import Array, Chain
@@ -219,3 +220,24 @@ def test_momentum_is_the_integral_of_its_derivative(chain):
         gamma, inertia = compliance.contraction(rate)
         assert gamma == pytest.approx(momentum / rate, rel=1e-6)
         assert inertia == pytest.approx(1 / slope, rel=1e-3)
+
+
+@pytest.mark.parametrize('periods', [1, 3, 8])
+def test_the_bias_that_replaces_a_ripple_causes_equal_errors_of_the_rate(periods):
+    orbit = uniform_orbit(SPINNER, ROTORS)
+    compliance, rate = ComplianceCorrection(orbit), 0.5 * RATE
+    ripple, period, count = compliance.ripple(rate), 2.0, 400
+    assert ripple > 0
+    by_ripple, by_bias = [], []
+    for whole in periods + np.arange(0, 1, 0.1):
+        sites = np.linspace(0, whole * period, count)
+        centred = sites - sites.mean()
+        weights = centred / (centred @ centred)
+        waves = np.exp(2j * math.pi * sites / period)
+        by_ripple.append(ripple * abs(weights @ waves) ** 2)
+        way = DEFAULTS.filter.bias_way
+        correlations = np.exp(-np.abs(sites[:, None] - sites) / way)
+        duration = whole * period * orbit.site_arc / rate
+        bias = compliance.ripple_bias(rate, duration)
+        by_bias.append(bias * float(weights @ correlations @ weights))
+    assert np.mean(by_ripple) == pytest.approx(np.mean(by_bias), rel=0.3)

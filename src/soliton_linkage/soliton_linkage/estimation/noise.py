@@ -21,7 +21,8 @@ FREEDOMS_OF_MEDIAN = 0.368
 is as accurate as a standard deviation from the mean square of this number times n values."""
 
 _LARGEST_CHANGE = 12.0
-"""`StampJitter` limits a product of second differences to this multiple of its expectation [1]."""
+"""`StampJitter` limits a product of second differences to this multiple of the mean absolute value
+of these products [1]."""
 _EDGE_RATIO = 4.0
 """Variance that the deformation of a wall adds to a residual: value at an edge, divided by the
 value inside the chain [1]."""
@@ -254,7 +255,7 @@ class StampJitter:
     def restart(self) -> None:
         """Discard all measurements."""
         self._rows: tuple[tuple[float, float, float], ...] = ()
-        self._excess = self._weight = self._chance = 0.0
+        self._excess = self._weight = self._chance = self._sizes = self._frames = 0.0
         self.variance = 0.0
         """Variance of the error of a stamp [s^2]; 0 if the error is not significant."""
 
@@ -263,19 +264,27 @@ class StampJitter:
         self._rows = *self._rows[-3:], (time, arc, variance)
         if len(self._rows) < 4:
             return
-        (t1, z1, _), (t2, z2, v2), (t3, z3, v3), (_, z4, _) = self._rows
+        (t1, z1, v1), (t2, z2, v2), (t3, z3, v3), (_, z4, v4) = self._rows
         one, other = (t3 - t2) / (t2 - t1), (time - t3) / (t3 - t2)
         by2, by3 = (1 + one) * other, 1 + other
         unit, square = by2 + by3, rate * rate
         expected = (by2 * v2 + by3 * v3) / unit
+        # Deviation of a product without stamp errors, in units of that of equal measurements.
+        first, second = v3 + (1 + one) ** 2 * v2 + one**2 * v1, v4 + by3**2 * v3 + other**2 * v2
+        size = 2 / 3 * math.sqrt(first * second) / unit
         changes = (z3 - (1 + one) * z2 + one * z1) * (z4 - by3 * z3 + other * z2)
         # Limit the effect of large changes; impulses or wrong readings may be their cause.
-        largest = _LARGEST_CHANGE * (expected + square * self.variance)
+        typical = self._sizes / self._frames if self._frames else size
+        largest = _LARGEST_CHANGE * max(typical, size)
         found = min(max(-changes / unit, -largest), largest)
-        self._excess = self._fade * self._excess + square * (found - expected)
-        self._weight = self._fade * self._weight + square * square
+        self._sizes = self._fade * self._sizes + min(abs(found), _LARGEST_CHANGE * typical)
+        self._frames = self._fade * self._frames + 1
+        # Frames that contain little information have less weight.
+        weight = square * min(self._sizes / (self._frames * size), 1.0) ** 2
+        self._excess = self._fade * self._excess + weight * (found - expected)
+        self._weight = self._fade * self._weight + weight * square
         # The factor 6 includes the correlation between the products of successive frames.
-        self._chance = self._fade * self._chance + 6 * (square * expected) ** 2
+        self._chance = self._fade**2 * self._chance + 6 * (weight * size) ** 2
         significant = self._excess > self._significance * math.sqrt(self._chance)
         self.variance = self._excess / self._weight if significant else 0.0
 

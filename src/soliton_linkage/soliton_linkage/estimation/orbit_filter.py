@@ -269,7 +269,8 @@ class OrbitFilter:
         for each in self._hypotheses.all:
             self._update_hypothesis(each)
         leading = self._hypotheses.leader.motion
-        self.jitter.update(time, view.arc, self._variance.of_arc(view), leading.rate)
+        if self._settings.noise.significance * leading.rate_deviation < abs(leading.rate):
+            self.jitter.update(time, view.arc, self._variance.of_arc(view), leading.rate)
         self._variance.learn(view)
         self._variance.learn_outliers(view)
         turned = self._hypotheses.leader.upside_down
@@ -331,13 +332,15 @@ class OrbitFilter:
         return candidate.view.likelihood - expected
 
     def _predict(self, motion: MultipleModelFilter, elapsed: float, acceleration: float) -> None:
-        arc, rate, *_ = motion.summary
+        arc, rate, of_arc, _, of_rate = motion.summary
         ahead = arc + rate * elapsed
         ratio = self._compliance.rate_ratio(ahead, rate, arc)
         if self._deviates:
             ratio *= self.orbit.free_rate(ahead) / self.orbit.free_rate(arc)
         acceleration += self._acceleration(arc + rate * elapsed / 2, rate, elapsed)
-        ripple = self._compliance.ripple_bias(rate) * self.orbit.site_arc**2
+        # A line that is fitted over the time T has deviations with the ratio sqrt(3) / T.
+        duration = math.sqrt(3 * of_arc / of_rate)
+        ripple = self._compliance.ripple_bias(rate, duration) * self.orbit.site_arc**2
         at_edge = self._variance.at_edge
         motion.predict(elapsed, at_edge, ratio, acceleration, self.bandwidth, ripple)
 

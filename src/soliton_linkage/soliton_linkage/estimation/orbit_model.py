@@ -235,9 +235,13 @@ wall [1]; `ComplianceCorrection` defines the ripple. The bandwidth is not 0, bec
 radiates phonons. With this value, the standard deviations of the site from `ripple` and from
 simulations of a wobbling flipper and of a spinner agree within a factor of 2 at speeds from 0.1 to
 0.25 times the speed of sound."""
-_RIPPLE_SHARE = 0.3
-"""Factor in `ripple_bias`: variance of the bias, divided by the period of the ripple and by the
-variance that `ripple` returns [1/rotor spacing]."""
+_RIPPLE_SHARE, _CORRELATED = 0.15, 1.5
+"""First: variance of the bias of `ripple_bias` for a fit over a period of the ripple, divided by
+this period and by the variance of the ripple [1/rotor spacing]. A line is fitted over the way x in
+the time T. A ripple of variance s^2 and period P then causes the variance 18 (s P / (pi x T))^2 of
+the slope, averaged over all phases. A bias of variance m^2 and correlation length L causes
+24 m^2 L (1 - 3 L / x) / (x T^2). Both are equal for m^2 = 3 (s P)^2 / (4 pi^2 L (x - 3 L)), with
+L = 0.5. Second: 3 L [rotor spacings]."""
 
 
 class ComplianceCorrection:
@@ -339,14 +343,17 @@ class ComplianceCorrection:
         change /= math.hypot(1 - ratio * ratio, _RADIATION * ratio)
         return (change * self._site_period / (2 * math.pi)) ** 2
 
-    def ripple_bias(self, rate: float) -> float:
+    def ripple_bias(self, rate: float, duration: float = 0.0) -> float:
         """Return the variance of a bias of the site that replaces the ripple [spacings^2].
 
         A bias is an error of the site that is constant over a correlation length. With the
-        returned variance, the bias and the ripple cause equal errors of a fit over three periods
-        of the ripple.
+        returned variance, the bias and the ripple cause equal errors of the slope of a line that
+        is fitted over the time `duration` [s], if the wall passes at least 1.5 rotors and half a
+        period in this time.
         """
-        return _RIPPLE_SHARE * self._site_period * self.ripple(rate)
+        way, period = abs(rate) * duration / self._orbit.site_arc, self._site_period
+        periods = max((way - _CORRELATED) / period, 0.5)
+        return _RIPPLE_SHARE / periods * period * self.ripple(rate)
 
 
 def _mu(orbit: Orbit, arc: float) -> float:
