@@ -191,6 +191,18 @@ def test_an_absent_joint_is_not_reported_as_a_zero_error(nominal, seed):
         identify(Readings(TIMES, readings[:, ::2], names=letters[::2]), Chain())
 
 
+@pytest.mark.parametrize('name', ['flipper', 'spinner'])
+def test_an_absent_last_rotor_is_named_as_a_possible_cause(name):
+    _, times, readings = kicked(name, 3)
+    try:
+        found = identify(Readings(times, readings[:, :-1], names=NAMES[:-1]), Chain())
+    except ValueError as error:
+        told = str(error)
+    else:
+        told = ' '.join(found.warnings)
+    assert re.search(r'rotor that is missing before .* or after .*', told)
+
+
 def test_an_impossible_spacing_is_reported():
     assert length_warnings(unequal(FLIPPER, 3)) == []
     spacings = (0.0, 0.0, 1.0, *[0.0] * 6)

@@ -79,7 +79,7 @@ UNEXPLAINED = 1.5
 """A model matches readings if its residual noise is at most this times the reading noise [1]."""
 _SIGNIFICANT = 3.0
 """Differences of squared noise are significant if larger than this [standard deviations]."""
-_NOISE_SCATTER = 2.3
+NOISE_SCATTER = 2.3
 """The squared noise of n readings has the relative standard deviation this / sqrt(n) [1]."""
 _MATRIX_FRAMES = 1000
 """Approximate number of frames used for matrices of normal equations; gradients use all frames."""
@@ -299,7 +299,7 @@ class MotionFitter:
             if min(before, self._squared_noise()) < bar_noise**2:
                 found.append((self._cost(self._windows)[0], self._windows))
                 count = sum(float(self._counts(window).sum()) for window in self._windows)
-                spread = self._scatter() + _NOISE_SCATTER / math.sqrt(count)
+                spread = self._scatter() + NOISE_SCATTER / math.sqrt(count)
                 if self._squared_noise() < self._noise**2 * (1 + _SIGNIFICANT * spread):
                     break
         if found:

@@ -14,12 +14,15 @@ from soliton_linkage.identification.bar_motion import BarMotion
 from soliton_linkage.identification.diagnosis import obstacle_warnings, weakly_observable
 from soliton_linkage.identification.free_motion import FreeMotion, split_chain
 from soliton_linkage.identification.lengths import split_lengths
-from soliton_linkage.identification.motion_fit import MotionFit
+from soliton_linkage.identification.motion_fit import NOISE_SCATTER, MotionFit
 from soliton_linkage.linkage.chain import Array, Chain
 
 STRAINED = 1.1
 """If the ratio of `noise` to `reading_noise` is larger than this [1], the model does not explain
 the readings exactly, and the result contains a warning."""
+_SIGNIFICANT = 4.0
+"""Bars do not explain the readings if the excess of their squared residual noise over the reading
+noise is larger than this [standard deviations]."""
 _WORSE = 1.25
 """The result contains a warning about a bond if its `bond_noise` is larger than this times the
 median `bond_noise` of all bonds [1]. Ratios of 1.1 are usual."""
@@ -184,12 +187,15 @@ def by_bonds(
         deviations['mass'] = moved.mass_deviations
     rigid = found.noise <= STRAINED * reading_noise
     warnings = [*obstacle_warnings(chain, found.lengths, found.covariance)]
-    if not rigid:
-        excess = found.noise / reading_noise
+    excess = found.noise / reading_noise
+    scatter = NOISE_SCATTER / math.sqrt(found.residuals.size)
+    if not rigid or excess**2 > 1 + _SIGNIFICANT * scatter:
         warnings.append(
-            f'bonds do not close: their misclosures are {excess:.2g} times the noise of the '
+            f'bonds do not close: their misclosures are {excess:.3g} times the noise of the '
             'readings, so that standard deviations are too small. A fast soliton strains springs, '
-            'or pivots have play; record a slower soliton, and kick it before the first frame'
+            'pivots have play, or a force that was not recorded acts, for example of a rotor that '
+            'is missing before the first or after the last joint; record a slower soliton of all '
+            'rotors, and kick it before the first frame'
         )
     usual = float(np.median(found.bond_noise))
     warnings += [
