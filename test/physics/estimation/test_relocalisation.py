@@ -160,3 +160,15 @@ def test_the_mirror_image_moves_in_the_opposite_direction():
             assert each.expected == pytest.approx(sense * (3.0 + 9.6e-3 * frame), abs=0.01)
             if sense == 1:
                 each.update(3.0 + 9.6e-3 * frame, 1e-4)
+
+
+@pytest.mark.parametrize('unknown', [1e6, 1e300, math.nan])
+def test_a_hypothesis_without_a_known_position_is_dropped(unknown):
+    made = hypotheses(3.0, 9.0, 12.0)
+    for each in made.all:
+        each.motion.predict(1e-3, False)
+    made.all[1].motion.add_rate_noise(unknown, 1e3)
+    made.all[1].motion.predict(1e-3, False)
+    expected = [made.all[0], made.all[2]]
+    made.drop_unknown(ORBIT.length**2)
+    assert made.all == expected

@@ -80,6 +80,17 @@ class Hypotheses:
         """Hypothesis whose arc length, rate and leg of the orbit are reported."""
         return self.all[0]
 
+    def drop_unknown(self, limit: float) -> None:
+        """Drop all but the leader whose expected arc length has a variance above `limit` [rad^2].
+
+        Such a hypothesis fits any frame, and its rate may grow without limit.
+        """
+        self.all = [
+            each
+            for each in self.all
+            if each is self.leader or each.motion.expected_variance <= limit
+        ]
+
     def weigh(self, likelihoods: list[float]) -> None:
         """Add the log likelihoods of a frame; drop unlikely and duplicate hypotheses."""
         if len(self.all) == 1:

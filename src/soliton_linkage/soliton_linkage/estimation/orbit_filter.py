@@ -236,13 +236,12 @@ class OrbitFilter:
             acceleration = 0.0 if torques is None else self._rate_change(torques, each)
             self._predict(each.motion, elapsed, acceleration)
         best = self._hypotheses.leader.motion
-        if (
-            self._settings.noise.significance * math.sqrt(best.expected_variance)
-            > self.orbit.length
-        ):
+        limit = (self.orbit.length / self._settings.noise.significance) ** 2
+        if not best.expected_variance <= limit:
             self._lose(time)
             self._acquire(time, seen)
             return
+        self._hypotheses.drop_unknown(limit)
         self._variance.way = abs(best.expected_rate) * elapsed / self.orbit.site_arc
         variance, noise = self._measure(seen, elapsed), self._variance.noise
         self._hypotheses.weigh([each.view.likelihood for each in self._hypotheses.all])
