@@ -28,7 +28,13 @@ from soliton_linkage.identification.readings import (
     informative_frames,
     join_recordings,
 )
-from soliton_linkage.identification.result import STRAINED, Identification, by_bonds, by_springs
+from soliton_linkage.identification.result import (
+    STRAINED,
+    Identification,
+    bars_explain,
+    by_bonds,
+    by_springs,
+)
 from soliton_linkage.identification.screening import (
     LEAST_NOISE,
     IncompletePassage,
@@ -171,7 +177,9 @@ def _by_model(
     fitted, kicks = fit_around_kicks(some, fit_springs, noise, max(found.noise, LEAST_NOISE))
     check_clear(fitted)
     if isinstance(fitted, str):
-        fault = clear or (fault and fault.or_force(readings.joints, likelier=False))
+        # A force strains springs, so that the readings of several encoders do not fit bars.
+        likelier = not bars_explain(found, noise)
+        fault = clear or (fault and fault.or_force(readings.joints, likelier))
         result = _by_bars(readings, some, found, given, noise, tolerance, spacing_known, fault)
         reason = (_RIGID.format(fitted),) if fitted else ()
         return _with_possible(replace(result, warnings=(*reason, *result.warnings)), fault)

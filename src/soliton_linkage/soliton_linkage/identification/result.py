@@ -166,6 +166,12 @@ def _with_forces(chain: Chain, moved: BarMotion) -> tuple[Chain, dict[str, Any]]
     }
 
 
+def bars_explain(found: Adjustment, reading_noise: float) -> bool:
+    """Return whether the residual noise of bars is not significantly above the reading noise."""
+    scatter = NOISE_SCATTER / math.sqrt(found.residuals.size)
+    return found.noise**2 < reading_noise**2 * (1 + _SIGNIFICANT * scatter)
+
+
 def by_bonds(
     found: Adjustment,
     given: Chain,
@@ -187,9 +193,8 @@ def by_bonds(
         deviations['mass'] = moved.mass_deviations
     rigid = found.noise <= STRAINED * reading_noise
     warnings = [*obstacle_warnings(chain, found.lengths, found.covariance)]
-    excess = found.noise / reading_noise
-    scatter = NOISE_SCATTER / math.sqrt(found.residuals.size)
-    if not rigid or excess**2 > 1 + _SIGNIFICANT * scatter:
+    if not (rigid and bars_explain(found, reading_noise)):
+        excess = found.noise / reading_noise
         warnings.append(
             f'bonds do not close: their misclosures are {excess:.3g} times the noise of the '
             'readings, so that standard deviations are too small. A fast soliton strains springs, '
