@@ -22,7 +22,7 @@ _THREADS = 'OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'
 
 
 def _start(program: str, node: str = '') -> None:
-    """Call the function `main` of a module or, if `node` is set, run the node class `node`."""
+    """Run the node class `node` of a module; without `node`, call the function `main`."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     # The matrices are small. With one thread per core, an identification takes three times the
     # processor time, because threads wait for each other. Environment variables of the user have

@@ -37,7 +37,7 @@ class ChainDriver:
     `report` is called with each finished `KickReport`. The report names the `source` of each
     command, which is the topic of the command. If the interval between two frames exceeds
     `longest_gap` [s], the current torques are reported as cut short. A report waits for the totals
-    from the simulator for `longest_gap` or `DELIVERY_TIMEOUT`, whichever is longer.
+    from the simulator for at most `longest_gap` or `DELIVERY_TIMEOUT`, whichever is longer.
     """
 
     def __init__(

@@ -14,8 +14,8 @@ from soliton_linkage.dynamics.work import TorqueLedger
 from soliton_linkage.linkage.chain import Array
 
 DELIVERY_TIMEOUT = 2.0
-"""Longest time between a kick and the totals from the simulator [s]. It is longer than the lag at
-which a subscription skips frames."""
+"""Usual limit of the time between a kick and the totals from the simulator [s]. It is longer than
+the lag at which a subscription skips frames."""
 
 
 @dataclass(frozen=True)
@@ -97,8 +97,9 @@ class KickRecord:
     that torques sent after frame k act from frame k + 1 to frame k + 2. The current frame is the
     last one for which `frame` was called.
 
-    A report waits for the totals until both the stamps of the frames and `clock` [s] have advanced
-    by `timeout` [s]. Stamps alone would not be enough: after a delay, many frames arrive at once.
+    A report waits for the totals, at most until both the stamps of the frames and `clock` [s] have
+    advanced by more than `timeout` [s]. Stamps alone are not sufficient, because many frames may
+    arrive at once after a delay.
     """
 
     def __init__(

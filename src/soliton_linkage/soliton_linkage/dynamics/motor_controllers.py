@@ -51,8 +51,9 @@ class MotorControllers:
 def feedback_torques(chain: Chain, angles: Array, rates: Array, contraction: float = 1.0) -> Array:
     """Return the torques [N m] of the feedback law for given angles and rates, shape (N,).
 
-    The differences of the coordinates of neighbours are multiplied by `contraction`: `angles` may
-    be those of a wall at rest, and the wall is narrower by this factor.
+    `angles` may contain a wall at rest instead of a moving wall. `contraction` is the width of the
+    wall at rest, divided by the width of the moving wall [1]. The differences between the
+    coordinates of neighbours are multiplied by this ratio.
     """
     signs, law, bonds = chain.signs, chain.feedback, chain.number_of_springs
     q, v = signs * angles + (1 - signs) * (np.pi / 2), signs * rates

@@ -81,9 +81,9 @@ class Hypotheses:
         return self.all[0]
 
     def drop_unknown(self, limit: float) -> None:
-        """Drop all but the leader whose expected arc length has a variance above `limit` [rad^2].
+        """Drop hypotheses whose expected arc length has a variance above `limit` [rad^2].
 
-        Such a hypothesis fits any frame, and its rate may grow without limit.
+        Such a hypothesis fits any frame, and its rate may grow without limit. The leader is kept.
         """
         self.all = [
             each

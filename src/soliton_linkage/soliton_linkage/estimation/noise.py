@@ -22,7 +22,7 @@ is as accurate as a standard deviation from the mean square of this number times
 
 _LARGEST_CHANGE = 12.0
 """`StampJitter` limits a product of second differences to this multiple of the mean absolute value
-of these products [1]."""
+of recent products, or of their scale without stamp errors, whichever is larger [1]."""
 _EDGE_RATIO = 4.0
 """Variance that the deformation of a wall adds to a residual: value at an edge, divided by the
 value inside the chain [1]."""
@@ -269,7 +269,7 @@ class StampJitter:
         by2, by3 = (1 + one) * other, 1 + other
         unit, square = by2 + by3, rate * rate
         expected = (by2 * v2 + by3 * v3) / unit
-        # Deviation of a product without stamp errors, in units of that of equal measurements.
+        # Scale of a product without stamp errors; for equal variances v at equal intervals, v.
         first, second = v3 + (1 + one) ** 2 * v2 + one**2 * v1, v4 + by3**2 * v3 + other**2 * v2
         size = 2 / 3 * math.sqrt(first * second) / unit
         changes = (z3 - (1 + one) * z2 + one * z1) * (z4 - by3 * z3 + other * z2)
@@ -382,7 +382,7 @@ class ResidualVariance:
         return max(self.noise.waves, self.noise.excess)
 
     def allow_waves(self, motion: MultipleModelFilter, scale: float, period: float) -> float:
-        """Set the acceleration by waves in `motion`, and return `calm` for its rate [1].
+        """Set the acceleration by waves in `motion`; return `calm` for the rate of `motion` [1].
 
         `scale` is the inverse of the time unit of the chain [1/s], and `period` the period of the
         slowest phonon [s].

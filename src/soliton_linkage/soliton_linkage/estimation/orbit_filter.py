@@ -337,7 +337,8 @@ class OrbitFilter:
         if self._deviates:
             ratio *= self.orbit.free_rate(ahead) / self.orbit.free_rate(arc)
         acceleration += self._acceleration(arc + rate * elapsed / 2, rate, elapsed)
-        # A line that is fitted over the time T has deviations with the ratio sqrt(3) / T.
+        # If a line is fitted over the time T, the standard deviation of its slope is sqrt(3) / T
+        # times the standard deviation of its end.
         duration = math.sqrt(3 * of_arc / of_rate)
         ripple = self._compliance.ripple_bias(rate, duration) * self.orbit.site_arc**2
         at_edge = self._variance.at_edge
@@ -350,10 +351,11 @@ class OrbitFilter:
         inertia. gamma and c are the two results of `ComplianceCorrection.contraction`. The motion
         contracts a wall by the factor gamma. Its rotors turn faster by this factor, so that the
         rates in friction torques are multiplied by gamma. The coordinates of adjacent rotors
-        differ more by the same factor. The power of a torque is the integral of tau dphi over
-        the wall, times the speed. Therefore, the torques are computed with these rates and
-        differences, but are multiplied by the tangent of the wall at rest. A torque that depends
-        only on the angle of the rotor itself, such as that of a potential, does not change.
+        differ more by the same factor. Therefore, the torques are computed with these rates and
+        differences. Their power is the speed of the wall, multiplied by the integral of tau over
+        the rotor angle. The contraction does not change the limits of this integral. Therefore, t
+        is the tangent of the wall at rest. A torque that depends only on the angle of the rotor
+        itself, such as the torque of a potential, does not change.
         """
         chain, (passive, active) = self.orbit.chain, self._forces
         if not (len(passive.kinds) or len(active.kinds) or chain.feedback.acts):

@@ -236,12 +236,11 @@ radiates phonons. With this value, the standard deviations of the site from `rip
 simulations of a wobbling flipper and of a spinner agree within a factor of 2 at speeds from 0.1 to
 0.25 times the speed of sound."""
 _RIPPLE_SHARE, _CORRELATED = 0.15, 1.5
-"""First: variance of the bias of `ripple_bias` for a fit over a period of the ripple, divided by
-this period and by the variance of the ripple [1/rotor spacing]. A line is fitted over the way x in
-the time T. A ripple of variance s^2 and period P then causes the variance 18 (s P / (pi x T))^2 of
-the slope, averaged over all phases. A bias of variance m^2 and correlation length L causes
-24 m^2 L (1 - 3 L / x) / (x T^2). Both are equal for m^2 = 3 (s P)^2 / (4 pi^2 L (x - 3 L)), with
-L = 0.5. Second: 3 L [rotor spacings]."""
+"""Constants c and 3 L in the variance m^2 = c (s P)^2 / (x - 3 L) of the bias of `ripple_bias`
+[1/rotor spacing, rotor spacings]. L = 0.5 is the correlation length of the bias, and c is
+3 / (4 pi^2 L). A line is fitted while the wall moves by x in the time T. A ripple of variance s^2
+and period P then causes the variance 18 (s P / (pi x T))^2 of the slope, averaged over all phases.
+The bias causes the variance 24 m^2 L (1 - 3 L / x) / (x T^2). Both are equal for this m^2."""
 
 
 class ComplianceCorrection:
@@ -348,8 +347,8 @@ class ComplianceCorrection:
 
         A bias is an error of the site that is constant over a correlation length. With the
         returned variance, the bias and the ripple cause equal errors of the slope of a line that
-        is fitted over the time `duration` [s], if the wall passes at least 1.5 rotors and half a
-        period in this time.
+        is fitted over the time `duration` [s]. For shorter times, the result is the value for the
+        time in which the wall moves by 1.5 rotor spacings plus half a period of the ripple.
         """
         way, period = abs(rate) * duration / self._orbit.site_arc, self._site_period
         periods = max((way - _CORRELATED) / period, 0.5)

@@ -40,7 +40,7 @@ _SHARE = 0.25
 """Assumed standard deviation of the arc length due to persistent residuals, divided by the rms of
 these residuals [1], if the shape of the wall is exact. In simulations of two and four walls, it is
 between 0.05 and 0.5. Sensitivity: at 0.3x, the errors of fast walls are up to 2.4 times the stated
-standard deviations; at 4x, they are a fifth to a half of them."""
+standard deviations; at 4x, they are 0.2 to 0.5 times the stated standard deviations."""
 _SCAN_BESIDE = 1.5
 """A scan extends this far to either side of a domain border [rotor spacings]."""
 

@@ -145,8 +145,8 @@ class WallMeasurement(NamedTuple):
     """Speed at which the kinetic energy equals the barrier between two sites [spacings / s]; 0 if
     there is no barrier or the barrier is not computed."""
     residual: ResidualVariance | None = None
-    """Variance of the residuals of the fitted walls, from which the forces of waves on them are
-    estimated; None without such forces."""
+    """Variance of the residuals of the fitted walls, from which the forces of waves on the walls
+    are estimated; None if these forces are not estimated."""
     estimate: OrbitEstimate | None = None
     """Estimate of the `OrbitFilter` if it has measured the wall; None for a fit."""
 
@@ -204,9 +204,10 @@ class WallTrack:
         self._motion.predict(elapsed, self._line.edge_distance(self.rotor) < self._line.near)
         if self._pinning:
             # The force on a fast wall is correlated over a quarter of a rotor spacing. A slow wall
-            # oscillates in a potential well; the force on it is correlated over a quarter of the
-            # oscillation period. With the oscillation frequency pi u, its root mean square is
-            # pi u v = sqrt(8) f u v. An unknown rate is no evidence of an oscillation.
+            # oscillates in a potential well with the angular frequency pi u; the force on it is
+            # correlated over a quarter of the oscillation period. Its root mean square is
+            # pi u v = sqrt(8) f u v, with u, v and f of `_FORCE`. The factor 8 does not apply to
+            # the deviation of the rate: an unknown rate is no evidence of an oscillation.
             speed = math.hypot(self.rate, self.rate_deviation)
             force = min(max(8 * self.rate**2, speed**2), self._pinning**2) * self._pinning**2
             added = _FORCE * force / max(speed, self._pinning) * elapsed * self._arc**2

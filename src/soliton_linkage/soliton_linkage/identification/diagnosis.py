@@ -72,7 +72,8 @@ def check_explained(
     `model` is the name of the fitted model. `noise` is the root mean square of the `residuals`,
     (T, N), divided by the reading noise [1]. `spreads` contains the estimated relative standard
     deviations [1] of lengths of one kind, and of masses and stiffnesses. `fault` is an encoder
-    error, or None. If it is certain, ValueError is raised even if the model explains the readings.
+    error, or None. If `fault` is certain, ValueError is raised even if the model explains the
+    readings.
     """
     faults = unexplained(noise, spreads)
     if not faults:

@@ -42,8 +42,8 @@ _SIGNIFICANT = 4.5
 """An error of an encoder is certain if it is larger than this [standard deviations]. In 20 correct
 recordings of 12 rotors, the largest gain error was 2.3 and the largest play 4.0."""
 _SUSPICIOUS = 3.0
-"""A gain error is also reported, as possible, if it is larger than this [standard deviations]. The
-gain of an edge rotor has a standard deviation of about 2 %."""
+"""A gain error between this and `_SIGNIFICANT` is reported as possible [standard deviations]. This
+limit is low, because gains of edge rotors may have standard deviations of about 2 %."""
 _SIGNIFICANT_NONLINEARITY = 9.0
 """Nonlinearity is reported only if its significance is larger than this [standard deviations]."""
 _NONLINEAR = 1.3
@@ -129,11 +129,11 @@ class EncoderFault(NamedTuple):
 
     @property
     def certain(self) -> bool:
-        """Whether noise is too small to cause the decrease."""
+        """Whether the error exceeds `_SIGNIFICANT`, so that noise is an unlikely cause."""
         return self.decrease > _SIGNIFICANT**2
 
     def or_force(self, joints: Sequence[str], likelier: bool) -> EncoderFault:
-        """Return the error with an unrecorded force as another cause, first if `likelier`."""
+        """Return the error; its text also names an unrecorded force, first if `likelier`."""
         if self.force:
             return self
         force = unrecorded_force(joints)
@@ -150,7 +150,7 @@ def unrecorded_force(joints: Sequence[str]) -> str:
 
 
 def encoder_fault(joints: Sequence[str], scores: Array, information: Array) -> EncoderFault | None:
-    """Return the most significant error of the encoders; None if no error is significant.
+    """Return the most significant error of the encoders; None if no error exceeds its limit.
 
     `scores` and `information` are the results of `error_scores` for the shapes of `error_shapes`.
     A gain error that all encoders have in common is also tested.

@@ -69,7 +69,8 @@ _RIGID = (
     'impulses'
 )
 _POSSIBLE = (
-    'if this is not an effect of the noise, the errors of the lengths are larger than stated: {}'
+    'the following may be a fault, or only an effect of the noise; if it is a fault, the errors '
+    'of the lengths are larger than stated: {}'
 )
 _ADJUSTMENTS = 6
 """Largest number of fits of the lengths [1]; outliers are removed after each fit."""

@@ -58,9 +58,10 @@ spring = compile_loop(spring_between, inlined=True)
 def put_torques_without_springs(
     table: Array, forces: Array, angles: Array, rates: Array, work: Array
 ) -> None:
-    """Store the torques of damping, friction and gravity in `work`, and their derivatives.
+    """Store the torques of damping, friction and gravity, and their derivatives, in `work`.
 
-    ACCELERATION and MAIN are torques until `accelerate` divides them by the moments of inertia.
+    The rows ACCELERATION and MAIN contain torques and their derivatives until `accelerate` divides
+    these rows by the moments of inertia.
     """
     rotors, values, inertias = angles.size, work[ACCELERATION], table[INERTIA]
     gravity = forces[ALONG] != 0.0 or forces[DOWN] != 0.0

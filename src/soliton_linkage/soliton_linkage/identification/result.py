@@ -21,8 +21,8 @@ STRAINED = 1.1
 """If the ratio of `noise` to `reading_noise` is larger than this [1], the model does not explain
 the readings exactly, and the result contains a warning."""
 _SIGNIFICANT = 4.0
-"""Bars do not explain the readings if the excess of their squared residual noise over the reading
-noise is larger than this [standard deviations]."""
+"""Bars do not explain the readings if the squared residual noise of the fit of bars exceeds the
+squared reading noise by more than this [standard deviations]."""
 _WORSE = 1.25
 """The result contains a warning about a bond if its `bond_noise` is larger than this times the
 median `bond_noise` of all bonds [1]. Ratios of 1.1 are usual."""
@@ -198,9 +198,9 @@ def by_bonds(
         warnings.append(
             f'bonds do not close: their misclosures are {excess:.3g} times the noise of the '
             'readings, so that standard deviations are too small. A fast soliton strains springs, '
-            'pivots have play, or a force that was not recorded acts, for example of a rotor that '
-            'is missing before the first or after the last joint; record a slower soliton of all '
-            'rotors, and kick it before the first frame'
+            'pivots have play, or a force was not recorded, for example the force of a rotor that '
+            'is missing before the first or after the last joint; record all rotors and a slower '
+            'soliton, and kick it before the first frame'
         )
     usual = float(np.median(found.bond_noise))
     warnings += [

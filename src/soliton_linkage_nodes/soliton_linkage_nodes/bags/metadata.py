@@ -25,7 +25,7 @@ _KEY: Final = 'rosbag2_bagfile_information'
 GAPS: Final = 'gaps'
 """Key in the custom data under which the intervals without recording are listed."""
 _WIDTH: Final = guards.MAX_TEXT_SIZE
-"""Longest line of metadata.yaml [characters], so that no text is divided into lines."""
+"""Line width of metadata.yaml [characters]. It is so large that no text is divided into lines."""
 
 
 @dataclass(frozen=True)
@@ -184,7 +184,7 @@ def _topic_metadata(topic: StoredTopic) -> dict[str, Any]:
 
 
 class _Dumper(getattr(yaml, 'CSafeDumper', yaml.SafeDumper)):  # type: ignore[misc]
-    """Dumper that writes equal parts in full instead of aliases, as rosbag2 does."""
+    """Dumper that, like rosbag2, repeats equal parts instead of writing aliases."""
 
     def ignore_aliases(self, data: object) -> bool:
         return True

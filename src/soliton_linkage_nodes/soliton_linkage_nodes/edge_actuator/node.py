@@ -178,7 +178,7 @@ class EdgeActuator(ManagedNode):
         chain = self.commands.chain
         if chain is None or not chain.driver.busy:
             return
-        # The frame may be later than deliveries that still wait, if frames were skipped.
+        # If frames were skipped, deliveries that precede this frame may still wait.
         for delivery, _ in self._deliveries.waiting():
             self._on_delivery(delivery)
         was_driving = chain.driver.driving

@@ -28,9 +28,9 @@ def time_from_msg(stamp: Time) -> int:
 
 
 def stamp_of(serialized: bytes) -> int:
-    """Return the stamp [ns] in the header of a serialized message; ValueError if it is too short.
+    """Return the stamp [ns] of a message whose first field is a header.
 
-    The argument contains the CDR bytes of a message whose first field is a header.
+    `serialized` contains the CDR bytes of the message. Raises ValueError if they are too few.
     """
     if len(serialized) < _HEADER_BYTES:
         raise ValueError(f'a message of {len(serialized)} bytes is shorter than its header')

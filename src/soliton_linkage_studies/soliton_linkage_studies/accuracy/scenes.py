@@ -10,9 +10,10 @@ no fit extends across an impulse.
 
 Scenes with a single wall use a cubic instead of the line in three cases: walls so slow that their
 speed varies between rotors, cells with `AccuracyCell.damping`, and chains with force terms. Force
-terms are all torques of a `Chain` other than the spring torques, such as `Chain.damping`, friction
-or motors. No cell has several walls and force terms. `walls.averages_and_slopes` describes how
-force terms change averages and slopes.
+terms are all torques of `AccuracyCell.chain` other than the spring torques, such as
+`Chain.damping`, friction or motors. `AccuracyCell.damping` does not count as a force term. No cell
+has several walls and force terms. `walls.averages_and_slopes` describes how force terms change
+averages and slopes.
 """
 
 from __future__ import annotations

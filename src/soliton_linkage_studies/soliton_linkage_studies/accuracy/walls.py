@@ -38,7 +38,7 @@ from soliton_linkage.solitons.anti_kink import (
 from soliton_linkage.solitons.static_wall import static_wall
 
 TOLERANCE = 1e-8
-"""Largest integration error of an angle per time unit [rad], far below the noise."""
+"""Largest integration error of the angles in a step of the solver [rad], far below the noise."""
 WINDOWS, FORCED_WINDOWS = 3, 6
 """Length of the window for the fit of a slope, divided by the length of the averaging window [1].
 The second value is for chains with force terms."""
@@ -221,8 +221,8 @@ _BROKEN = 0.15
 """A wall counts as broken if its misfit, divided by the angle by which a wall turns a rotor, is
 above this [1]."""
 _STEP = 0.5
-"""Interval between position measurements, and between absorptions, of a wall that is losing its
-phonons [time units]."""
+"""Interval between position measurements of a wall that is losing its phonons [time units]. After
+each interval, the rates of the rotors far from the wall are reduced, so that phonons decay."""
 _SLOWER = 0.8
 """After a wall was destroyed, the initial speed is multiplied by this for the next try [1]."""
 _TRIES = 25

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Make films of chain motions, as in the movies of the paper: MP4, or GIF without PyAV."""
+"""Make films of chain motions, as in the movies of the paper: MP4, or GIF if PyAV is missing."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ memory."""
 
 
 def file_kind() -> tuple[str, str]:
-    """Return the suffix of the films, MP4 if PyAV is installed, and a description of the files."""
+    """Return the suffix of the films (MP4 if PyAV is installed) and a description of the files."""
     try:
         pyav()
     except ValueError as error:
@@ -101,7 +101,7 @@ def file_kind() -> tuple[str, str]:
 
 
 def write_film(scene: Scene, frame_rate: float, path: Path) -> None:
-    """Write every frame of a scene to an MP4 or GIF file, which the suffix of the path selects."""
+    """Write every frame of a scene to a file; the suffix of the path selects MP4 or GIF."""
     frames = range(len(scene.times))
     if path.suffix == MP4:
         pictures = (TimedPicture(frame / frame_rate, _pixels(scene, frame)) for frame in frames)

@@ -179,7 +179,8 @@ class Spectrum:
 def spectrum(chain: Chain, site: float) -> Spectrum:
     """Return the small vibrations about a kink that rests at a site [rotor spacings].
 
-    The modes e of `normal_modes` are scaled by the roots of the moments of inertia.
+    For the participation numbers, the modes of `normal_modes` are multiplied by the square roots
+    of the moments of inertia.
     """
     angles = static_wall(chain, site)
     found = normal_modes(chain, angles)
