@@ -159,7 +159,10 @@ def test_a_node_is_described_with_its_topics_services_and_actions(said, graph):
 
     def complete() -> bool:
         blocks.update(yaml.safe_load(said(node, 'info', 'pendulum').partition('\n')[2]))
-        return blocks['Service Servers'] == services
+        known = blocks['Publishers'] or {}, blocks['Action Servers'] or {}
+        return (
+            blocks['Service Servers'] == services and '/angle' in known[0] and '/swing' in known[1]
+        )
 
     graph.until(complete, 'the services of the node', lambda: blocks)
     assert blocks['Publishers']['/angle'] == 'std_msgs/msg/Float64'

@@ -30,6 +30,9 @@ _SETTLED = 1.0
 """A list of names counts as complete if it has not changed for this time [s]."""
 ANSWER_LIMIT = 60.0
 """Longest wait for the response of a service [s]. On a busy machine, a response took over 10 s."""
+_REPEATED = 5.0
+"""A request that changes nothing is sent again after this time without a response [s]. A response
+is lost if the node has not yet discovered the client."""
 _SPIN = 0.05
 """Longest time between two checks of a condition [s]."""
 
@@ -108,23 +111,34 @@ class Visitor:
             )
         return found[full][0]
 
-    def call(self, service_type: Any, name: str, request: Any) -> Any:
-        """Call a service and return its response; RuntimeError if there is no response in time."""
+    def call(self, service_type: Any, name: str, request: Any, repeat: bool = False) -> Any:
+        """Call a service and return its response; RuntimeError if there is no response in time.
+
+        With `repeat`, the request is sent again every 5 s. It must then change nothing.
+        """
         client = self.node.create_client(service_type, name, qos_profile=SERVICE_QOS)
         if not self.until(client.service_is_ready):
             name = service_type.__name__
             raise RuntimeError(f'there is no service {client.srv_name} of the type {name}')
-        future = client.call_async(request)
-        if not self.until(future.done, ANSWER_LIMIT):
-            raise RuntimeError(f'{client.srv_name} gave no response within {ANSWER_LIMIT:g} s')
-        return future.result()
+        futures: list[Any] = []
+
+        def responded() -> bool:
+            return any(future.done() for future in futures)
+
+        limit = _REPEATED if repeat else ANSWER_LIMIT
+        for _ in range(round(ANSWER_LIMIT / limit)):
+            futures.append(client.call_async(request))
+            if self.until(responded, limit):
+                return next(future.result() for future in futures if future.done())
+        raise RuntimeError(f'{client.srv_name} gave no response within {ANSWER_LIMIT:g} s')
 
     def call_node(self, node: str, service_type: Any, **request: Any) -> Any:
         """Call a standard service of a node, such as GetState; RuntimeError without a response."""
         name = re.sub(r'(?<!^)(?=[A-Z])', '_', service_type.__name__).lower()
+        reads = name.startswith(('get', 'list', 'describe'))
         try:
             return self.call(
-                service_type, f'{full_name(node)}/{name}', service_type.Request(**request)
+                service_type, f'{full_name(node)}/{name}', service_type.Request(**request), reads
             )
         except RuntimeError as error:
             reason = f'{node}: {error}; list nodes with: soliton-linkage node list'

@@ -31,13 +31,15 @@ from soliton_linkage_nodes.runtime.process import WaitingNode
 _ROTOR = Quantity('destination, counted from rotor 0', 'rotor spacings')
 _SPEED = Quantity('largest speed of the move, 0 for automatic', 'rotor spacings/s', minimum=0.0)
 """Largest speed of the move; at 0, soliton_steering chooses the speed."""
-_WAIT = Quantity('longest wait for soliton_steering to be ready', 's', 0.0, 3600.0)
-"""Longest wait until soliton_steering is ready, at most one hour."""
+_WAIT = Quantity(
+    'longest wait for soliton_steering: until it is ready, until it answers, and for feedback',
+    's',
+    0.0,
+    3600.0,
+)
+"""Longest wait for soliton_steering, at most one hour."""
 _LONGEST_WAIT = 5.0
-"""Default time limit for soliton_steering to become ready, and time limit for its answer to a goal
-[s]."""
-_LONGEST_SILENCE = 3.0
-"""If no feedback arrives for this time, soliton_steering counts as stopped [s]."""
+"""Default of `_WAIT` [s]."""
 _CANCEL_TIME = 0.3
 """After Ctrl-C, the program waits at most this long for the end of the cancelled move [s]."""
 
@@ -50,6 +52,7 @@ class MoveClient(WaitingNode):
         self._client = ActionClient(self, MoveSoliton, interfaces.MOVE_SOLITON, **ACTION_QOS)
         self._line = ChainLine(self)
         self._received_at = math.inf
+        self._longest_wait = _LONGEST_WAIT
         self._is_ready = False
         interfaces.DIAGNOSTICS.subscribe(self, self._on_diagnostics)
 
@@ -57,13 +60,14 @@ class MoveClient(WaitingNode):
         """Move the soliton to `rotor` [rotor spacings], and return the result of the action.
 
         `speed` is the largest speed [rotor spacings/s], or 0 for an automatic speed. The method
-        waits at most `wait` [s] until soliton_steering is ready. Raises ValueError if
-        soliton_steering is missing or stops. Raises KeyboardInterrupt if the move has not ended
-        0.3 s after Ctrl-C.
+        waits at most `wait` [s] until soliton_steering is ready, for its answer to the goal, and
+        for each feedback. Raises ValueError if soliton_steering is missing or stops. Raises
+        KeyboardInterrupt if the move has not ended 0.3 s after Ctrl-C.
         """
+        self._longest_wait = wait
         deadline = time.monotonic() + wait
         absent = f'no node offers the action {interfaces.MOVE_SOLITON} after {wait:g} s; '
-        self._until(self._client.server_is_ready, f'{absent}start soliton_steering first', wait)
+        self._until(self._client.server_is_ready, f'{absent}start soliton_steering first')
         # Send the goal even if the node is not ready, because it then rejects the goal with a
         # reason.
         self.wait(lambda: self._is_ready, deadline - time.monotonic())
@@ -98,7 +102,7 @@ class MoveClient(WaitingNode):
         if not self._client.server_is_ready():
             return 'soliton_steering has stopped'
         silence = time.monotonic() - self._received_at
-        if silence < _LONGEST_SILENCE:
+        if silence <= self._longest_wait:
             return ''
         return (
             f'no feedback from soliton_steering for {silence:.0f} s; it has stopped or is blocked'
@@ -115,10 +119,8 @@ class MoveClient(WaitingNode):
             if report.node == steering:
                 self._is_ready = report.ok
 
-    def _until(
-        self, condition: Callable[[], bool], complaint: str, limit: float = _LONGEST_WAIT
-    ) -> None:
-        if not self.wait(condition, limit):
+    def _until(self, condition: Callable[[], bool], complaint: str) -> None:
+        if not self.wait(condition, self._longest_wait):
             if self.stopping.is_set():
                 raise KeyboardInterrupt
             raise ValueError(complaint)

@@ -60,6 +60,7 @@ class AdaptiveSubscription:
     ) -> None:
         """Subscribe to a topic.
 
+        With `take`, `waiting` still takes the messages that the executor has not taken yet.
         Without `take`, messages wait until `waiting` or `newest` takes them. The node must then
         not be added to an executor, because an executor would drop these messages.
         """

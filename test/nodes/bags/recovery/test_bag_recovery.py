@@ -160,6 +160,24 @@ def test_a_flipped_byte_loses_at_most_one_chunk_and_changes_no_message(
         assert len(held) >= len(sent) - 5
 
 
+@pytest.mark.parametrize('compression', ['none', 'zstd'])
+def test_no_record_becomes_a_message_by_a_flipped_bit(named, tmp_path, compression):
+    bag = write(tmp_path / 'run', named, 'mcap', 30, 5, compression)
+    sent = contents(bag)
+    data = data_file(bag)
+    whole = data.read_bytes()
+    begin = len(mcap_records.MAGIC)
+    changed = set()
+    for offset, opcode, _ in mcap_records.records_in(whole[begin:]):
+        if (opcode ^ mcap_records.Opcode.MESSAGE).bit_count() == 1:
+            damaged = bytearray(whole)
+            damaged[begin + offset] = mcap_records.Opcode.MESSAGE
+            data.write_bytes(damaged)
+            assert rescued(data) == sent
+            changed.add(opcode)
+    assert {mcap_records.Opcode.CHANNEL, mcap_records.Opcode.MESSAGE_INDEX} <= changed
+
+
 def test_damaged_bags_give_unchanged_messages_or_an_error(named, storage, tmp_path):
     bag = write(tmp_path / 'run', named, storage, 30, 3)
     sent = set(contents(bag))

@@ -218,9 +218,10 @@ class RecoveredMcap(RecoveredFile):
         # The length counts as correct if a record follows the message, or if the previous message
         # of this channel had the same length.
         following = self._data[end : end + 1]
-        expected = self._sizes.get(channel) == size or not following or following[0] in KINDS
+        repeated = self._sizes.get(channel) == size
+        expected = repeated or not following or following[0] in KINDS
         fits = expected or _may_follow(self._data, end)
-        if not known or not fits:
+        if not known or not fits or not (repeated or _is_message(self._data[begin:end])):
             return None
         self._sizes[channel] = size
         last = self._found[-1] if self._found else None
@@ -278,6 +279,10 @@ KINDS: Final = range(Opcode.HEADER, Opcode.DATA_END + 1)
 _IN_CHUNKS: Final = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
 LARGEST_CHUNK_HEAD: Final = 64
 """Largest size of the head of a chunk [B]. The head has 40 bytes of numbers and a codec name."""
+_CONFUSABLE: Final = [kind for kind in KINDS if (kind ^ Opcode.MESSAGE).bit_count() == 1]
+"""Opcodes that a flipped bit changes to the opcode of a message."""
+_INDEX_HEAD, _INDEX_ENTRY = 6, struct.Struct('<QQ')
+"""Size of the head of a message index [B], and layout of its entries: stamp and offset."""
 _HEAD = re.compile(rb'[\x01-\x0f](?=.{5}\x00\x00\x00)', re.DOTALL)
 """Pattern of the head of a record. It has an opcode and a length below 2^40 bytes."""
 _SHORTEST, _LONGEST = 4, 2**40
@@ -294,6 +299,21 @@ def _may_follow(data: Bytes, offset: int) -> bool:
     opcode, size = mcap.RECORD_HEADER.unpack(rest)
     shortest = _SHORTEST if opcode in KINDS else 0
     return bool(opcode) and shortest <= int(size) < _LONGEST
+
+
+def _is_message(body: Bytes) -> bool:
+    """Return whether a body is that of a message, not of a record with a changed opcode."""
+    for opcode in _CONFUSABLE:
+        with suppress(ValueError):
+            if mcap.extra_bytes(opcode, body):
+                continue
+            if opcode != Opcode.MESSAGE_INDEX:
+                return False
+            entries = body[_INDEX_HEAD : len(body) - (len(body) - _INDEX_HEAD) % _INDEX_ENTRY.size]
+            # The number of a message can equal the length of an index, but its stamp is no offset.
+            if all(offset < _LONGEST for _, offset in _INDEX_ENTRY.iter_unpack(entries)):
+                return False
+    return True
 
 
 def next_record(data: memoryview, begin: int) -> int:
