@@ -103,7 +103,7 @@ def as_sqlite3(bag: Path) -> None:
 
 
 def change_metadata(bag: Path, **changes: object) -> None:
-    """Change what metadata.yaml tells of a bag."""
+    """Change the content of metadata.yaml."""
     path = bag / 'metadata.yaml'
     told = yaml.safe_load(path.read_text())
     told['rosbag2_bagfile_information'].update(changes)

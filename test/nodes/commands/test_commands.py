@@ -12,10 +12,13 @@ from typing import Any
 
 import pytest
 import yaml
+from lifecycle_msgs.msg import State
+from lifecycle_msgs.srv import GetState
 from programs import signalled
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.lifecycle import LifecycleNode
+from rclpy.node import Node
 from std_msgs.msg import Float64
 
 from soliton_linkage_msgs.action import MoveSoliton
@@ -239,6 +242,31 @@ def test_a_lifecycle_state_is_printed_and_changed(said):
         said(lifecycle, 'set', 'pendulum', 'swing')
     with pytest.raises(RuntimeError, match='nobody: there is no service /nobody/get_state'):
         said(lifecycle, 'get', 'nobody', timeout=0.1)
+
+
+def test_a_state_is_requested_again_if_the_response_is_lost(said, graph):
+    server = Node('deaf', context=graph.context)
+    states = server.create_service(GetState, 'deaf/get_state', lambda _, answer: answer)
+    ended = threading.Event()
+    taken: list[Any] = []
+
+    def answer_the_second() -> None:
+        while len(taken) < 2 and not ended.wait(0.02):
+            with states.handle:
+                request, header = states.handle.service_take_request(GetState.Request)
+            taken.extend([header] * (request is not None))
+        if len(taken) == 2:
+            state = State(id=3, label='active')
+            states.send_response(GetState.Response(current_state=state), taken[1])
+
+    thread = threading.Thread(target=answer_the_second)
+    thread.start()
+    try:
+        assert said(lifecycle, 'get', 'deaf') == 'active [3]\n'
+    finally:
+        ended.set()
+        thread.join()
+        server.destroy_node()
 
 
 def test_a_definition_is_shown_with_nested_fields(capsys):

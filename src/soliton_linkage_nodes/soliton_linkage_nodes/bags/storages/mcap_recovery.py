@@ -281,8 +281,6 @@ LARGEST_CHUNK_HEAD: Final = 64
 """Largest size of the head of a chunk [B]. The head has 40 bytes of numbers and a codec name."""
 _CONFUSABLE: Final = [kind for kind in KINDS if (kind ^ Opcode.MESSAGE).bit_count() == 1]
 """Opcodes that a flipped bit changes to the opcode of a message."""
-_INDEX_HEAD, _INDEX_ENTRY = 6, struct.Struct('<QQ')
-"""Size of the head of a message index [B], and layout of its entries: stamp and offset."""
 _HEAD = re.compile(rb'[\x01-\x0f](?=.{5}\x00\x00\x00)', re.DOTALL)
 """Pattern of the head of a record. It has an opcode and a length below 2^40 bytes."""
 _SHORTEST, _LONGEST = 4, 2**40
@@ -302,17 +300,14 @@ def _may_follow(data: Bytes, offset: int) -> bool:
 
 
 def _is_message(body: Bytes) -> bool:
-    """Return whether a body is that of a message, not of a record with a changed opcode."""
+    """Return whether a body belongs to a message, not to a record with a changed opcode."""
+    *_, published = mcap.MESSAGE_HEADER.unpack_from(body)
     for opcode in _CONFUSABLE:
         with suppress(ValueError):
-            if mcap.extra_bytes(opcode, body):
-                continue
-            if opcode != Opcode.MESSAGE_INDEX:
-                return False
-            entries = body[_INDEX_HEAD : len(body) - (len(body) - _INDEX_HEAD) % _INDEX_ENTRY.size]
-            # The number of a message can equal the length of an index, but its stamp is no offset.
-            if all(offset < _LONGEST for _, offset in _INDEX_ENTRY.iter_unpack(entries)):
-                return False
+            # The number of a message can equal the length of an index. A message index then has
+            # an offset in the place of the stamp.
+            if not mcap.extra_bytes(opcode, body):
+                return bool(opcode == Opcode.MESSAGE_INDEX and published >= _LONGEST)
     return True
 
 
