@@ -195,7 +195,7 @@ def test_an_absent_joint_is_not_reported_as_a_zero_error(nominal, seed):
 def test_an_absent_last_rotor_is_named_as_a_possible_cause(name):
     _, times, readings = kicked(name, 3)
     try:
-        found = identify(Readings(times, readings[:, :-1], names=NAMES[:-1]), Chain())
+        found = identify(Readings(times[::2], readings[::2, :-1], names=NAMES[:-1]), Chain())
     except ValueError as error:
         told = str(error)
     else:
