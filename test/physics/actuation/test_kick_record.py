@@ -81,6 +81,26 @@ def test_measured_torques_are_reported_with_the_difference_of_the_totals():
     assert (kick.cut_short, kick.measured) == (True, True)
 
 
+def test_an_episode_that_ends_with_torques_of_zero_does_not_wait_for_further_totals():
+    desk = Desk(measured=True)
+    desk.deliver(0)
+    desk.frame(1)
+    desk.record.begin(PERIOD, '~/trajectory', None)
+    for number, torques in enumerate([TORQUES, 0 * TORQUES, 0 * TORQUES, 0 * TORQUES], start=1):
+        desk.record.sent(torques, saturated=False)
+        desk.frame(number + 1)
+        if number == 2:
+            desk.deliver(3, torques_act=True, work_of_torques=1.0)
+        if number == 3:
+            desk.deliver(4, work_of_torques=1.5)
+    desk.record.end(5 * PERIOD)
+    assert desk.reports == []
+    desk.frame(6)
+    (kick,) = desk.reports
+    assert (kick.work, kick.measured, kick.cut_short) == (1.5, True, False)
+    assert not desk.record.open
+
+
 def test_a_command_that_replaces_another_splits_the_totals_at_its_frame():
     desk = Desk(measured=True)
     desk.frame(1)

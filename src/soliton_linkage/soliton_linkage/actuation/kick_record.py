@@ -74,9 +74,16 @@ class _TorqueEpisode:
     command: EdgeCommand | None = None
     saturated: bool = False
     cut_short: bool = False
-    ended: int | None = None
+    ended: int = 0
     superseded: bool = False
     ended_at: float = 0.0
+    quiet: int | None = None
+    """Stamp of the frame after the last torques other than zero were sent [ns]."""
+
+    def included(self, totals: DeliveryTotals) -> bool:
+        """Return whether the totals include the whole effect of this ended episode."""
+        over = self.superseded or not totals.torques_act
+        return self.quiet is None or (over and totals.stamp > min(self.ended, self.quiet))
 
 
 @dataclass(frozen=True)
@@ -190,6 +197,9 @@ class KickRecord:
             if episode is not None:
                 episode.ledger.add(torques, angles - angles_before, (stamp - before) / 1e9)
         self._acting, self._sent = self._sent, (None, 0 * angles)
+        episode, torques = self._acting
+        if episode is not None and torques.any():
+            episode.quiet = stamp
         self._frame = (stamp, angles)
         self._settle(stamp)
         if not self.open:
@@ -204,11 +214,8 @@ class KickRecord:
             kicks, self._impulses = self._impulses[:count], self._impulses[count:]
             work = delivered.work_of_impulses - (before.work_of_impulses if before else 0.0)
             self._report_impulses(kicks, work, measured=True)
-        if self._ended:
-            episode = self._ended[0]
-            over = episode.superseded or not delivered.torques_act
-            if over and delivered.stamp > (episode.ended or 0):
-                self._close(delivered)
+        if self._ended and self._ended[0].included(delivered):
+            self._close(delivered)
 
     def abandon(self, stamp: int) -> None:
         """End the current torques at a stamp [ns] and report them as cut short."""
@@ -224,8 +231,9 @@ class KickRecord:
         while self._ended:
             episode = self._ended[0]
             acting = self._acting[0] is episode or self._sent[0] is episode
-            overdue = self._overdue(stamp - (episode.ended or 0), episode.ended_at)
-            if acting or (self.measured and not overdue):
+            overdue = self._overdue(stamp - episode.ended, episode.ended_at)
+            included = self.delivered is not None and episode.included(self.delivered)
+            if acting or (self.measured and not (overdue or included)):
                 return
             self._close(self.delivered if self.measured else None)
 
