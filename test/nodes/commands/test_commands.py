@@ -156,11 +156,11 @@ def test_a_topic_is_described_with_its_endpoints(said, graph):
 
 
 def test_a_node_is_described_with_its_topics_services_and_actions(said, graph):
-    truth = graph.user.get_service_names_and_types_by_node('pendulum', '/')
-    services = {name: types[0] for name, types in truth if '/_' not in name}
     blocks: dict[str, Any] = {}
 
     def complete() -> bool:
+        truth = graph.user.get_service_names_and_types_by_node('pendulum', '/')
+        services = {name: types[0] for name, types in truth if '/_' not in name}
         blocks.update(yaml.safe_load(said(node, 'info', 'pendulum').partition('\n')[2]))
         known = blocks['Publishers'] or {}, blocks['Action Servers'] or {}
         return (
