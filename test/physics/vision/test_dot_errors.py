@@ -4,7 +4,10 @@
 import numpy as np
 import pytest
 
+from soliton_linkage.linkage.chain import Chain
 from soliton_linkage.vision.dot_errors import DeadZone, DotMeasurements, ErrorScale, RepeatDetector
+from soliton_linkage.vision.layout import MarkerLayout
+from soliton_linkage.vision.rotor_tracks import RotorTracks
 
 ROTORS = 40
 WAYS = np.where(np.arange(ROTORS) < 30, 0.0, 2.0)
@@ -54,6 +57,19 @@ def test_the_constant_error_of_resting_dots_is_the_same_number_of_pixels_for_all
         dots = DotMeasurements(picture / 60, 0 * ONES, noise, lengths, pixels, WAYS, NEVER)
         factors = scale.update(dots, 4e-3)
     np.testing.assert_allclose(factors * noise * pixels, np.where(WAYS, 3e-3, 5e-3), rtol=0.1)
+
+
+def test_errors_of_moving_dots_exclude_the_constant_error_of_the_mean_length_at_rest():
+    random, chain = np.random.default_rng(5), Chain(number_of_rotors=ROTORS)
+    tracks, size = RotorTracks(MarkerLayout(chain)), 1e-5
+    pivots = np.column_stack([chain.pivots, 0 * ONES])
+    at_rest, errors = size * random.normal(size=ROTORS), []
+    for picture in range(450):
+        added = at_rest if picture < 300 else size * random.normal(size=ROTORS)
+        lengths = chain.rotor_lengths + added
+        errors.append(tracks.length_errors(lengths))
+        tracks.add_lengths(pivots, pivots + np.column_stack([0 * ONES, lengths]))
+    assert np.sqrt(np.mean(np.square(errors[350:]))) == pytest.approx(size, rel=0.05)
 
 
 def test_errors_of_repeated_dots_are_estimated_from_their_jumps():

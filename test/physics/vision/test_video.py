@@ -77,6 +77,17 @@ def test_an_avi_film_of_the_suite_that_was_cut_is_reported(tmp_path):
         list(read_video(path).pictures)
 
 
+def test_a_transport_stream_that_was_cut_between_packets_is_reported(tmp_path):
+    pytest.importorskip('av', reason='needs PyAV: pip install av')
+    path, random = tmp_path / 'film.ts', np.random.default_rng(1)
+    pictures = (random.integers(0, 256, (48, 64, 3), dtype=np.uint8) for _ in range(60))
+    write_video(path, (TimedPicture(n / 60, picture) for n, picture in enumerate(pictures)))
+    assert len(list(read_video(path).pictures)) == 60
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 188 // 2 * 188])
+    with pytest.raises(ValueError, match='within a picture; copy it again'):
+        list(read_video(path).pictures)
+
+
 def test_an_mp4_film_that_lost_its_index_must_be_copied_again(tmp_path):
     pytest.importorskip('av', reason='needs PyAV: pip install av')
     path, picture = tmp_path / 'film.mp4', np.zeros((48, 64, 3), dtype=np.uint8)

@@ -11,6 +11,12 @@ with the grey level w of the label, the contrast c, the gradient g of the light,
 is the fraction of a pixel that the dot covers. The offsets s_k are points on the path of the dot
 during the exposure. The matrix S, of determinant 1, maps the ellipse of the dot to a circle.
 Pixels at the edge of the label are excluded, because they would bias the centre.
+
+The edge of a real dot differs from the model, because blur and grey scale have other shapes. This
+difference depends on the distance from the edge. It contributes to the residuals, but hardly
+shifts the centre. The noise of the pixels also depends on this distance, because a camera
+amplifies the noise of dark pixels more than the noise of bright ones (gamma curve). For the
+covariance, the variance of a pixel is therefore the scatter of residuals at equal distances.
 """
 
 from __future__ import annotations
@@ -22,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import erfc
 
-from soliton_linkage.compiling import b1, compiled, const_u1_2d, f8_1d, f8_2d, inlined
+from soliton_linkage.compiling import b1, compiled, const_u1_2d, f8_1d, f8_2d, f8_3d, inlined
 from soliton_linkage.linkage.chain import Array
 
 _BLUR = 0.6
@@ -33,6 +39,8 @@ _RADII = (0.7, 1.4)
 """Smallest and largest fitted radius of a dot, relative to the expected radius [1]."""
 _PARAMETERS = 8
 """Number of fitted parameters: w, c, g (2), p (2), R and b."""
+_ANGULAR = 4
+"""Number of fitted parameters that change pixels differently in a ring: g (2) and p (2)."""
 _LABEL_MARGIN = 1.4
 """Width of the excluded margin of a label [pixels]; it is more than twice `_BLUR`."""
 _MAX_DISTANCE = 4.0
@@ -57,6 +65,9 @@ _COVERS: Array = erfc(_DISTANCES / math.sqrt(2)) / 2
 """Fraction of a pixel that a blurred dot covers at each of `_DISTANCES` [1]."""
 _EDGES: Array = np.exp(-(_DISTANCES**2) / 2) / math.sqrt(2 * math.pi)
 """Negative derivative of the covered fraction by the distance [1]."""
+_RINGS, _RING_WIDTH = 12, 0.5
+"""Number of rings around the centre in which residuals are compared [1], and width of a ring
+[pixels]. The rings cover distances of 3 pixels on both sides of the edge of the dot."""
 _MIN_SMEAR = 0.3
 """A dot counts as resting if its motion during the exposure is smaller than this [pixels]."""
 
@@ -110,7 +121,7 @@ def cover_of_dot(
     return cover / offsets, by_x, by_y, by_radius, by_blur
 
 
-@compiled(const_u1_2d, f8_1d, f8_1d, f8_2d, f8_1d, f8_2d, b1)
+@compiled(const_u1_2d, f8_1d, f8_1d, f8_2d, f8_1d, f8_3d, f8_2d, b1)
 def normal_loop(
     grey: NDArray[np.uint8],
     state: Array,
@@ -118,13 +129,16 @@ def normal_loop(
     normal: Array,
     right: Array,
     squared: Array,
+    rings: Array,
     last: bool,
 ) -> tuple[float, float]:
     """Compute the normal equations; return the sums of weighted squared residuals and of weights.
 
     The weight of a pixel is 1 in the fitted area, and decreases to 0 within one pixel at the edge
     of this area. The equations are stored in `normal` and `right`. If `last`, the same matrix with
-    squared weights is stored in `squared`, for the covariance.
+    squared weights is stored in `squared` for each ring, for the covariance. The columns of
+    `rings` then contain the sums of weights, of weighted residuals and of weighted squared
+    residuals in each ring.
     """
     height, width = grey.shape
     white, contrast, by_column, by_row, x0, y0, radius, blur = state
@@ -139,6 +153,7 @@ def normal_loop(
     right[:] = 0.0
     if last:
         squared[:] = 0.0
+        rings[:] = 0.0
     squares = count = 0.0
     for row in range(max(int(y0 - box), 0), min(int(y0 + box) + 2, height)):
         for column in range(max(int(x0 - box), 0), min(int(x0 + box) + 2, width)):
@@ -159,13 +174,18 @@ def normal_loop(
             left = float(grey[row, column]) - bare * lit
             squares += weight * left * left
             count += weight
+            ring = min(max(int((away - radius) / _RING_WIDTH + _RINGS / 2), 0), _RINGS - 1)
+            if last:
+                rings[ring, 0] += weight
+                rings[ring, 1] += weight * left
+                rings[ring, 2] += weight * left * left
             for i in range(_PARAMETERS):
                 weighted = weight * derivatives[i]
                 right[i] += weighted * left
                 for j in range(i, _PARAMETERS):
                     normal[i, j] += weighted * derivatives[j]
                     if last:
-                        squared[i, j] += weight * weight * derivatives[i] * derivatives[j]
+                        squared[ring, i, j] += weight * weighted * derivatives[j]
     for i in range(_PARAMETERS):
         normal[i, i] *= 1.0 + 1e-9
     return squares, count
@@ -188,6 +208,26 @@ def solve_loop(matrix: Array, right: Array) -> None:
         right[i] /= max(matrix[i, i], 1e-12)
 
 
+@inlined
+def replace_by_variances(rings: Array, count: float) -> None:
+    """Set the first column of `rings` to the variance of the pixels in each ring [grey levels^2].
+
+    `count` is the sum of all weights. The mean residuals of the rings replace the parameters w, c,
+    R and b. A ring of few pixels also contains one pixel with the mean variance of all rings.
+    """
+    total = means = 0.0
+    for ring in range(_RINGS):
+        weights = max(rings[ring, 0], 1e-12)
+        rings[ring, 2] = max(rings[ring, 2] - rings[ring, 1] ** 2 / weights, 0.0)
+        total += rings[ring, 2]
+        means += min(weights, 1.0)
+    freedom = max(count - means, 1.0)
+    lost = freedom / max(freedom - _ANGULAR, 1.0)
+    for ring in range(_RINGS):
+        variance = (rings[ring, 2] + total / freedom) / max(rings[ring, 0], 1.0)
+        rings[ring, 0] = lost * variance
+
+
 @compiled(const_u1_2d, f8_2d, f8_2d)
 def fit_loop(grey: NDArray[np.uint8], dots: Array, found: Array) -> None:
     """Fit dots and store the results in `found`; both have one row per dot.
@@ -198,13 +238,13 @@ def fit_loop(grey: NDArray[np.uint8], dots: Array, found: Array) -> None:
     """
     state, right = np.empty(_PARAMETERS), np.empty(_PARAMETERS)
     normal = np.empty((_PARAMETERS, _PARAMETERS))
-    squared, scratch = np.empty_like(normal), np.empty_like(normal)
-    columns = np.empty((2, _PARAMETERS))
+    squared, scratch = np.empty((_RINGS, _PARAMETERS, _PARAMETERS)), np.empty_like(normal)
+    columns, rings = np.empty((2, _PARAMETERS)), np.empty((_RINGS, 3))
     for n in range(len(dots)):
         dot = dots[n]
         begin_loop(grey, dot, state)
         for _ in range(_MAX_ITERATIONS):
-            normal_loop(grey, state, dot, normal, right, squared, False)
+            normal_loop(grey, state, dot, normal, right, squared, rings, False)
             solve_loop(normal, right)
             length = math.hypot(right[4], right[5])
             share = min(1.0, _MAX_STEP / max(length, 1e-12))
@@ -218,11 +258,11 @@ def fit_loop(grey: NDArray[np.uint8], dots: Array, found: Array) -> None:
             state[7] = min(max(state[7] + share * right[7], _BLURS[0]), _BLURS[1])
             if length < _TOLERANCE or not math.isfinite(length):
                 break
-        squares, count = normal_loop(grey, state, dot, normal, right, squared, True)
-        variance = squares / max(count - _PARAMETERS, 1.0)
+        squares, count = normal_loop(grey, state, dot, normal, right, squared, rings, True)
+        replace_by_variances(rings, count)
         found[n, 0], found[n, 1] = state[4], state[5]
         found[n, 2], found[n, 3] = state[0], state[1]
-        # Covariance for weights W and equal noise: N^-1 (A W^2 A) N^-1 with N = A W A.
+        # Covariance for weights W and variances V: N^-1 (A W V W A) N^-1 with N = A W A.
         for axis in range(2):
             scratch[:] = normal
             columns[axis] = 0.0
@@ -233,9 +273,11 @@ def fit_loop(grey: NDArray[np.uint8], dots: Array, found: Array) -> None:
             total = 0.0
             for i in range(_PARAMETERS):
                 for j in range(_PARAMETERS):
-                    total += one[i] * squared[min(i, j), max(i, j)] * other[j]
-            found[n, 4 + k] = variance * total
-        found[n, 7] = math.sqrt(variance)
+                    for ring in range(_RINGS):
+                        part = rings[ring, 0] * squared[ring, min(i, j), max(i, j)]
+                        total += one[i] * part * other[j]
+            found[n, 4 + k] = total
+        found[n, 7] = math.sqrt(squares / max(count - _PARAMETERS, 1.0))
 
 
 @dataclass(frozen=True)

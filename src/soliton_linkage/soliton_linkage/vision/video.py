@@ -6,7 +6,7 @@ from __future__ import annotations
 import datetime
 import math
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -93,7 +93,10 @@ def read_video(path: Path) -> Video:
                 remedy = 'if it was cut, copy it again'
         raise ValueError(f'film {str(path)!r} cannot be read ({reason}); {remedy}') from error
 
+    incomplete = False
+
     def pictures() -> Iterator[TimedPicture]:
+        nonlocal incomplete
         first, taken = None, 0.0
         with container:
             try:
@@ -102,6 +105,7 @@ def read_video(path: Path) -> Video:
                         continue
                     taken = float(frame.pts * frame.time_base)
                     first = taken if first is None else first
+                    incomplete = bool(frame.is_corrupt)
                     yield TimedPicture(taken - first, frame.to_ndarray(format='bgr24'))
             except av.error.FFmpegError as error:
                 raise ValueError(
@@ -114,7 +118,8 @@ def read_video(path: Path) -> Video:
     own = float(stream.duration * stream.time_base) if stream.duration else math.nan
     # If the pictures have no stated duration, the duration of the film may be that of the sound.
     slack = _SOUND if math.isnan(own) and container.streams.audio else 0.0
-    film = _checked(path, pictures(), length if math.isnan(own) else own, slack)
+    length_of_pictures = length if math.isnan(own) else own
+    film = _checked(path, pictures(), length_of_pictures, slack, lambda: incomplete)
     try:
         start = datetime.datetime.fromisoformat(created).timestamp()
     except ValueError:
@@ -182,11 +187,16 @@ def write_video(
 
 
 def _checked(
-    path: Path, pictures: Iterator[TimedPicture], length: float, slack: float
+    path: Path,
+    pictures: Iterator[TimedPicture],
+    length: float,
+    slack: float,
+    incomplete: Callable[[], bool],
 ) -> Iterator[TimedPicture]:
     """Yield the pictures of a video file; raise ValueError if it is incomplete.
 
     `length` is the stated duration [s], and `slack` [s] is added to the limit of `_CUT`.
+    `incomplete` returns whether a part of the last picture is missing.
     """
     last, interval = 0.0, 0.0
     for taken in pictures:
@@ -202,6 +212,7 @@ def _checked(
         head = file.read(_PACKET + 1)
     # An AVI file states its size. A transport stream consists of packets of equal size.
     cut = head[:4] == b'RIFF' and int.from_bytes(head[4:8], 'little') + 8 > size
-    if cut or (head[:1] == head[_PACKET:] == _SYNC and size % _PACKET):
-        part = 'before its stated end' if cut else 'within a packet'
+    within_packet = head[:1] == head[_PACKET:] == _SYNC and size % _PACKET
+    if cut or within_packet or incomplete():
+        part = 'before its stated end' if cut else 'within a picture'
         raise ValueError(f'film {str(path)!r} ends after {last:.2f} s, {part}; copy it again')
