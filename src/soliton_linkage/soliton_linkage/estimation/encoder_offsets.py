@@ -172,7 +172,8 @@ class FarFieldResiduals:
         self._sums, self._apart, self._beside = np.zeros((3, rotors))
         self._read, self._means, self._residuals = np.full((3, rotors), np.nan)
         self._uneven, self._first = False, True
-        self._unsteady, self._far = np.zeros(rotors), np.zeros(rotors, dtype=np.bool_)
+        self._unsteady, self._changes = np.zeros((2, rotors))
+        self._far = np.zeros(rotors, dtype=np.bool_)
         self.disorder = 0.0
         """Standard deviation of the angles due to unmodelled disorder of the chain [rad]."""
         self.stuck = np.zeros(rotors, dtype=np.bool_)
@@ -236,8 +237,10 @@ class FarFieldResiduals:
         inside = self._lowest > EDGE_ROTORS and self._highest < len(sides) - 1 - EDGE_ROTORS
         changed, self._means = means - self._means, means.copy()
         far, self._far = (sides != 0) & self._far, sides != 0
-        squares = np.where(far & np.isfinite(changed), changed**2 / 2, self._unsteady)
-        self._unsteady += (squares - self._unsteady) / _FEWEST_MEANS
+        seen_twice = far & np.isfinite(changed)
+        self._changes += seen_twice
+        squares = np.where(seen_twice, changed**2 / 2, self._unsteady)
+        self._unsteady += (squares - self._unsteady) / np.clip(self._changes, 1, _FEWEST_MEANS)
         # The residual of an oscillating rotor changes from block to block; an offset does not.
         unsteady = np.maximum(self._unsteady - 4 * noise, 0.0)
         beside = np.abs(means) - speed**2 if inside else self._beside

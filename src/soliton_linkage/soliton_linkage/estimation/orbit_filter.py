@@ -400,10 +400,9 @@ class OrbitFilter:
         # stamp also causes an error of the arc length. Add the variances of these errors.
         by_disorder, rate_disorder = self._model.disorder_deviations(arc)
         field = _FIELD_SHARE**2 * noise.excess + max(self._variance.excluded, 0.0)
-        by_springs = self._compliance.unpredicted_change(rate)
+        by_springs = self._compliance.unpredicted_change(rate, arc)
         added = field + by_disorder**2 + rate**2 * self.jitter.variance
         added += leader.rate_shift**2 * rate_variance * (4 * rate**2 + 2 * rate_variance)
-        added += (by_springs * orbit.site_arc / (2 * math.pi)) ** 2
         correlation = self._settings.filter.bias_way * orbit.site_arc
         rate_added = (rate_disorder**2 + by_springs**2 + field / correlation**2) * rate**2
         wall = self._hypotheses.mixture(added, rate_added)

@@ -319,14 +319,22 @@ class ComplianceCorrection:
         square = 3 * rate * rate
         return math.sqrt((1 + square * self.mu(before)) / (1 + square * self.mu(arc)))
 
-    def unpredicted_change(self, rate: float) -> float:
-        """Return the relative standard deviation [1] of a rate that `rate_ratio` has corrected."""
+    def unpredicted_change(self, rate: float, arc: float) -> float:
+        """Return the relative standard deviation [1] of a rate that `rate_ratio` has corrected.
+
+        `arc` is the arc length along the orbit [rad].
+        """
         square = 3 * rate * rate
         change = 0.5 * square * self._spread / (1 + square * self._mean)
         relative = abs(rate) / self._adiabatic
         if abs(rate) <= self._fastest:
-            return change * (_SECOND_ORDER * relative) ** 2
-        return change * min(1 / relative, 1.0) ** 4
+            # `rate_ratio` omits terms of this order, which are large at some sites only.
+            higher_order = (square * self.mu(arc)) ** 2
+            return math.hypot(change * (_SECOND_ORDER * relative) ** 2, higher_order)
+        # Inertia reduces the change. So does the window of the published velocity: three phonon
+        # periods, or three passages of a rotor if this time is shorter.
+        window = min(max(relative, 1.0), 1 / _SLOW)
+        return change / (max(relative, 1.0) * window) ** 2
 
     def ripple(self, rate: float) -> float:
         """Return the variance of the site of a wall due to the ripple of its rate [spacings^2].
