@@ -144,16 +144,6 @@ def test_dots_in_a_dead_zone_have_its_errors_before_fast_dots_are_observed():
     assert np.isnan(scale.update(dots)).all()
 
 
-def test_a_dead_zone_is_present_if_resting_dots_change_less_than_their_noise():
-    scale, pixels = ErrorScale(ROTORS), np.full(ROTORS, 100.0)
-    noise = 1e-3 / pixels
-    for still, expected in ((False, 1e-3), (True, 0.02)):
-        for picture in range(20):
-            dots = DotMeasurements(picture / 60, 0 * ONES, noise, ONES, pixels, 0 * ONES, NEVER)
-            errors = scale.update(dots, still=still) * noise * pixels
-        np.testing.assert_allclose(errors, expected, rtol=1e-2)
-
-
 def test_a_dead_zone_is_present_if_some_dots_repeat_and_others_do_not():
     zone = DeadZone(DOTS)
     for repeated in (NONE, ALL):

@@ -85,16 +85,6 @@ def test_frame_markers_define_the_plane():
     assert not FrameMarkers(layout, uncalibrated_camera(640, 360)).update(np.zeros_like(grey))
 
 
-@pytest.mark.parametrize('changes', [1.0, 0.2])
-def test_suppressed_changes_of_resting_dots_are_detected(changes):
-    layout, film, _ = renderer(CHAIN)
-    markers, first = FrameMarkers(layout, CAMERA), film.picture(0.0)[..., 1].astype(float)
-    for number in range(12):
-        shown = first + changes * (film.picture(number / 60)[..., 1] - first)
-        markers.update(np.round(shown).astype(np.uint8))
-    assert markers.still is (changes < 1)
-
-
 def test_a_slow_motion_of_the_frame_is_followed_after_a_thousand_pictures():
     layout, film, _ = renderer(CHAIN)
     markers = FrameMarkers(layout, CAMERA)

@@ -153,7 +153,6 @@ class AngleCamera:
                 repeated,
             ),
             self.frame_markers.fit_error,
-            self.frame_markers.still,
         )
         self._before = time
         self.tracks.add_lengths(self.pivots.positions, np.where(repeated[:, None], np.nan, masses))

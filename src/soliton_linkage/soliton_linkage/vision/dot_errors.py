@@ -138,12 +138,11 @@ class ErrorScale:
         self._dead_zone = DeadZone(rotors)
         self._before = np.full(rotors, np.nan)
 
-    def update(self, dots: DotMeasurements, constant: float = 0.0, still: bool = False) -> Array:
+    def update(self, dots: DotMeasurements, constant: float = 0.0) -> Array:
         """Add the dots of a picture; return the ratio for each of them [1], (N,).
 
         `constant` [pixels] is the standard deviation of errors that are constant while a dot
-        rests. If `still`, resting dots change less than the noise of the pixels allows. The film
-        then has a dead zone, even if the codec repeats no dot exactly.
+        rests.
         """
         moving = dots.displacements > _MOVING
         self._resting.add(dots.length_errors[~dots.repeated & ~moving])
@@ -155,7 +154,7 @@ class ErrorScale:
         jumps, relative = self._jumps.value(), 1 / (dots.noise * dots.pixels_per_radian)
         resting = self._resting.value() + (constant * relative) ** 2
         seen = np.isfinite(dots.angles)
-        self._dead_zone.add_repeated(dots.repeated, seen, still)
+        self._dead_zone.add_repeated(dots.repeated, seen)
         coded = (_CODED_ERROR * float(np.median(relative[seen]))) ** 2 if seen.any() else 0.0
         self._dead_zone.add(dots, max(jumps, coded))
         if self._dead_zone.present:
@@ -180,27 +179,19 @@ class DeadZone:
 
     @property
     def present(self) -> bool:
-        """Whether the video has a dead zone.
-
-        This is true if, recently, some but not all dots were repeated, or resting dots were
-        `still`.
-        """
+        """Whether the video has a dead zone: recently, some but not all dots were repeated."""
         return self._since < MEMORY
 
-    def add_repeated(
-        self, repeated: NDArray[np.bool_], seen: NDArray[np.bool_], still: bool = False
-    ) -> None:
+    def add_repeated(self, repeated: NDArray[np.bool_], seen: NDArray[np.bool_]) -> None:
         """Count repetitions in a picture, given which dots are repeated and visible, (N,) each.
 
-        If `still`, the video has a dead zone (see `ErrorScale.update`). For each picture, both
-        `add_repeated` and `add` are called.
+        For each picture, both `add_repeated` and `add` are called.
         """
         ended = self.repeats[(self.repeats > 0) & ~repeated & seen]
         self._log_repeats = _faded(self._log_repeats) + float(np.log(ended).sum())
         self._ended = _faded(self._ended) + len(ended)
         self.repeats = np.where(repeated, self.repeats + 1, 0.0)
-        found = still or (repeated.any() and (seen & ~repeated).any())
-        self._since = 0 if found else self._since + 1
+        self._since = 0 if repeated.any() and (seen & ~repeated).any() else self._since + 1
 
     def add(self, dots: DotMeasurements, jumps: float) -> None:
         """Update the errors of moving dots with a picture; for `jumps`, see `variances`."""

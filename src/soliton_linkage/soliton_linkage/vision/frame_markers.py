@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from soliton_linkage.linkage.chain import Array
 from soliton_linkage.vision.camera import Camera
-from soliton_linkage.vision.dot_errors import FadingMeanSquare
 from soliton_linkage.vision.dot_fit import fit_dots
 from soliton_linkage.vision.dots import MIN_CONTRAST
 from soliton_linkage.vision.layout import DICTIONARY, DOT_SHARE, MarkerLayout
@@ -77,10 +76,6 @@ _MAX_RESIDUAL = 0.12
 partly hidden dots have larger residuals."""
 _MAX_SCALE_ERROR = 0.02
 """A warning is given if `print_scale` differs from 1 by more than this [1]."""
-_STILL = 0.25
-"""A codec suppresses small changes if the mean square change of the fitted centres from picture to
-picture is smaller than this times the value for the noise of the pixels [1]. This ratio was above
-0.5 in uncompressed films, above 0.28 in MJPEG films, and below 0.18 in H.264 films."""
 _SEARCH_PERIOD = 60
 """Number of pictures from one search for missing markers to the next; a search takes about as long
 as the time between two pictures."""
@@ -115,8 +110,6 @@ class FrameMarkers:
         self._noise = _MIN_OUTLIER
         self._pictures = self._since_search = 0
         self._variance = 0.0
-        self._latest = self._centres[self._known]
-        self._changes = FadingMeanSquare()
         self._detector = marker_detector(opencv())
 
     @property
@@ -128,11 +121,6 @@ class FrameMarkers:
             f'frame markers have {self.print_scale:.0%} of their size at the stated distances; '
             'print them without scaling, or correct markers.frame_x and markers.frame_z'
         )
-
-    @property
-    def still(self) -> bool:
-        """Whether the centres change less than the noise of the pixels allows (see `_STILL`)."""
-        return self._changes.value() < _STILL
 
     @property
     def centres(self) -> Array:
@@ -154,10 +142,6 @@ class FrameMarkers:
         shifts = centres - self.centres
         common = np.median(shifts[good], axis=0) if good.any() else np.zeros(2)
         good &= np.hypot(*(shifts - common).T) < max(_MIN_OUTLIER, 6 * self._noise)
-        if len(self._latest) == len(centres):
-            changes = (centres - self._latest)[good] / np.sqrt(2 * self._variance)
-            self._changes.add(changes.ravel())
-        self._latest = centres
         self.seen = int(good.sum())
         hidden = self.seen < max(MIN_POINTS, len(centres) // 2)
         mean = 0.0 if hidden else float(np.hypot(*shifts[good].mean(axis=0)))
