@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from soliton_linkage.estimation.filter_bank import LEAST_ODDS
 from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
-from soliton_linkage.estimation.settings import FilterSettings
+from soliton_linkage.estimation.settings import DEFAULTS, FilterSettings
 from soliton_linkage.linkage.chain import Array
 
 PERIOD, RATE, SITE_ARC = 1e-3, 9.6, 0.99
@@ -137,7 +136,7 @@ def test_a_wall_among_waves_is_not_assumed_to_be_steady():
         for arc in arcs[1:].tolist():
             motion.predict(PERIOD, False)
             motion.update(arc, noise**2, calm=calm)
-        most = 1 / (1 + math.exp(calm * LEAST_ODDS))
+        most = 1 / (1 + math.exp(-calm * DEFAULTS.filter.impulse_rarity))
         assert 0.4 < steadiness(motion) <= most * (1 + 1e-9)
 
 

@@ -121,7 +121,7 @@ def test_refuted_hypotheses_are_removed_and_the_best_one_leads():
     made = hypotheses(ORBIT.arc_at(8.0, 0), ORBIT.arc_at(12.0, 0))
     made.weigh([-5.0, 0.0])
     assert ORBIT.site(made.leader.motion.arc) == pytest.approx(12.0)
-    made.weigh([0.0, -8.0])
+    made.weigh([0.0, -DEFAULTS.filter.decisive_odds])
     assert [ORBIT.site(each.motion.arc) for each in made.all] == pytest.approx([12.0])
     assert made.leader.evidence == 0
 

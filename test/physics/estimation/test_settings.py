@@ -66,7 +66,7 @@ def test_evidence_of_motion_follows_its_settings():
 
 
 def test_kicks_are_detected_by_the_settings():
-    for settings, kicks in [(FilterSettings(), 1), (FilterSettings(impulse_odds=1e9), 0)]:
+    for settings, kicks in [(FilterSettings(), 1), (FilterSettings(decisive_odds=1e9), 0)]:
         tracker = MultipleModelFilter(0.0, 1e-4, 50.0, 0.99, settings)
         for number in range(1, 600):
             tracker.predict(1e-3, False)

@@ -25,7 +25,7 @@ from soliton_linkage.estimation.noise import (
     median,
     robust_deviation,
 )
-from soliton_linkage.estimation.settings import DEFAULTS, OffsetSettings
+from soliton_linkage.estimation.settings import DEFAULTS, LEAST_NOISE, OffsetSettings
 from soliton_linkage.linear.bands import penetration_depth, tail_ratio
 from soliton_linkage.linkage.chain import Array, Chain
 
@@ -48,10 +48,9 @@ and for the speed of the wall are added to this limit."""
 EDGE_ROTORS = 2.0
 """A wall whose distance from an edge is below this may have another shape than on the orbit [rotor
 spacings], because its reflection at the edge extends springs."""
-_STUCK, _MOST_STUCK = 1e-5, 0.2
-"""A reading counts as unchanged if it differs from the reading of the same encoder one block
-earlier by at most `_STUCK` [rad]. The chain counts as at rest if more than the share `_MOST_STUCK`
-of the readings is unchanged [1]."""
+_MOST_STUCK = 0.2
+"""The chain counts as at rest if more than this share of the readings differs by at most
+`LEAST_NOISE` from the reading of the same encoder one block earlier [1]."""
 
 
 class EncoderOffsets:
@@ -288,7 +287,7 @@ class FarFieldResiduals:
         `stuck` flags encoders whose readings do not change while the chain moves. `doubtful` flags
         the stuck encoders, and encoders that may have an unknown offset.
         """
-        still = np.count_nonzero(np.abs(read - self._read) <= _STUCK)
+        still = np.count_nonzero(np.abs(read - self._read) <= LEAST_NOISE)
         at_rest = still > _MOST_STUCK * np.count_nonzero(np.isfinite(read))
         wrong = outlying & (self._offsets.corrections == 0)
         trusted = at_rest & ~(wrong | self.stuck)

@@ -24,8 +24,6 @@ from soliton_linkage.linkage.chain import Array
 
 Records = NDArray[np.void]
 
-LEAST_ODDS = -9.0
-"""Lower limit of `log_odds`, defined in `STATUS`, without waves and far from edges [1]."""
 _LEAST_EVIDENCE = 0.5
 """A filter that assumes an impulse has the weight 0 unless its `odds` are above this [1].
 Sensitivity: at -inf, the reported standard deviations in steady motion increase by 3 %. In a few
@@ -388,11 +386,11 @@ def measure(
     given, now = settings[0], status[0]
     base, frames = int(now['base']), int(now['frames'])
     more, most = update(filters, base, arc, variance, freedoms)
-    log_odds = max(now['log_odds'] + more, LEAST_ODDS * calm)
+    log_odds = max(now['log_odds'] + more, -given['impulse_rarity'] * calm)
     if log_odds >= given['restart_odds']:
         restart_steady(filters, base)
         log_odds = given['restart_odds'] - 1
-    if most > given['impulse_odds']:
+    if most > given['decisive_odds']:
         restart_from_impulse(filters, base)
         log_odds = max(log_odds, given['restart_odds'] - 1)
         frames = 0

@@ -103,7 +103,7 @@ class Hypotheses:
             leader = ranked[0]
         kept = [leader]
         for each in ranked:
-            refuted = each.evidence < top - self._settings.tracking.decisive_odds
+            refuted = each.evidence < top - self._settings.filter.decisive_odds
             if not (refuted or any(self._same(each, other) for other in kept)):
                 kept.append(each)
         for each in kept:

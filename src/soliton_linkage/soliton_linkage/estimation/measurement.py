@@ -30,7 +30,7 @@ LONGEST_STEP = 0.5
 SAME_SITE = 0.5
 """Two points of the orbit count as the same position of a wall only if their sites differ by less
 than this [rotor spacings]."""
-_MOST_STEPS = 20
+MOST_STEPS = 20
 """Largest number of Gauss-Newton steps in a search [1]."""
 _LONGEST_RUN = 2
 """A frame is not accepted if more than this number of adjacent rotors have gross errors [1]."""
@@ -99,7 +99,7 @@ def search_arc(arc: float, target: Callable[[float], float], close: float) -> fl
     From an arc length, `target` computes a better one. The search ends when an iteration changes
     the arc length by less than `close` [rad].
     """
-    for _ in range(_MOST_STEPS):
+    for _ in range(MOST_STEPS):
         step = target(arc) - arc
         arc += min(max(step, -LONGEST_STEP), LONGEST_STEP)
         if abs(step) < close:

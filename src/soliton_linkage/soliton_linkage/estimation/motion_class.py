@@ -37,14 +37,13 @@ from soliton_linkage.compiling import (
     records,
 )
 from soliton_linkage.estimation.frames import wrapped
-from soliton_linkage.estimation.settings import DEFAULTS, MotionSettings, record_dtype
+from soliton_linkage.estimation.settings import DEFAULTS, LEAST_NOISE, MotionSettings, record_dtype
 from soliton_linkage.linkage.chain import Array, Motion
+from soliton_linkage.linkage.springs import TINY
 
 Records = NDArray[np.void]
 
 _NUMBERS = records(record_dtype(MotionSettings))
-_LEAST_NOISE = 1e-6
-"""Lower limit of the noise of a frame [rad]."""
 _LEANING = 3.0
 """A frame shows a wall only if sin(theta_left) and sin(theta_right) have opposite signs and
 absolute values above this number of their standard deviations [1]."""
@@ -59,9 +58,6 @@ _LEAST_LEVER = 1e-9
 """`next_deviation` computes a slope by a division by the derivative of the left side of its
 equation with respect to alpha'. The derivative is 0 if the spring and the outer rotor are in line.
 It is then replaced by this [1]."""
-_LEAST_WEIGHT = 1e-300
-"""Weight of a frame without tails in the mean rest angle of all frames [1]; it is not 0, so that
-the mean is defined even if no frame has tails."""
 _NO_EVIDENCE = (math.nan, 0.0, math.nan)
 """Site, log likelihood ratio and rest angle of a frame without information."""
 
@@ -231,7 +227,7 @@ def evidence(
     if min(left.known, right.known) < 2:
         return _NO_EVIDENCE
     spread = math.sqrt((left.scatter + right.scatter) / (left.known + right.known - 2))
-    noise = max(noise, spread, _LEAST_NOISE)
+    noise = max(noise, spread, LEAST_NOISE)
     lefts = math.sin(left.mean) * math.sqrt(left.known) / noise
     rights = math.sin(right.mean) * math.sqrt(right.known) / noise
     if not (lefts * rights < 0 and min(abs(lefts), abs(rights)) > _LEANING):
@@ -291,9 +287,8 @@ def observe(
     limit = settings[0]['strongest']
     flipping = min(max(flipping + more, -limit), limit)
     if math.isfinite(lean) and math.isfinite(rest_angle):
-        # The weight of a frame is the information in its tails. The weight is never 0.
-        added = tails[0, 0] - known + _LEAST_WEIGHT
-        rest_angle += added / (known + added) * (lean - rest_angle)
+        # The weight of a frame is the information in its tails.
+        rest_angle += (1 - known / max(tails[0, 0], TINY)) * (lean - rest_angle)
     elif math.isfinite(lean):
         rest_angle = lean
     return (site, flipping, rest_angle), tail_ratio(tails, rest_angle, deformation)

@@ -203,7 +203,7 @@ class OrbitFilter:
         fits = self._likelihood.fits(best.view.residuals, 0, site, self._given_noise or 0.0)
         if not (explained and fits):
             return []
-        least = best.evidence - self._tracking.decisive_odds
+        least = best.evidence - self._settings.filter.decisive_odds
         return [each for each in found.candidates if each.evidence > least]
 
     def _start_at(self, candidates: list[Candidate], time: float, seen: Array) -> None:
@@ -305,12 +305,13 @@ class OrbitFilter:
     def _relocated(self, time: float, seen: Array, fits: bool) -> bool:
         """Count a mismatched frame; return whether the filter restarts or its status gets LOST."""
         tracking, view = self._tracking, self._hypotheses.leader.view
+        decisive = self._settings.filter.decisive_odds
         if self._unexplained == 0:
             self._unexplained_since = time
         self._unexplained += 1
         if self._unexplained >= tracking.confirming_frames and self._budget.spend(time):
             candidates = self._find(seen)
-            if candidates and self._log_odds(candidates[0], view, seen) > tracking.decisive_odds:
+            if candidates and self._log_odds(candidates[0], view, seen) > decisive:
                 self._start_at([self._on_this_cycle(each) for each in candidates], time, seen)
                 return True
         late = time - self._unexplained_since > tracking.loss_time

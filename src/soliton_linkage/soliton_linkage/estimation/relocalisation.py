@@ -40,13 +40,11 @@ from soliton_linkage.linear.bands import penetration_depth
 from soliton_linkage.linkage.chain import Array, check_shape
 from soliton_linkage.orbit.orbit import Orbit, OrbitSegment
 
-_CLOSE = 1e-5
-"""The search for a maximum of the likelihood ends when a step is shorter than this [rad]."""
+_CLOSE = 1e-8
+"""A search ends when a step along the orbit is shorter than this [rad]."""
 SCAN_DEVIATION = 0.1
 """Standard deviation of the angles that a scan assumes, divided by the swing of a rotor [1]. The
 step of a scan along the orbit is half of this standard deviation."""
-_EXACT = 1e-8
-"""The search for the nearest point of the orbit ends when a step is shorter than this [rad]."""
 _MOST_PLACES = 12
 """Largest number of maxima that are refined [1]."""
 _STEPS_OF_TABLE = 32
@@ -346,7 +344,7 @@ def _fit_near(orbit: Orbit, frame: Array, arc: float) -> NearestPoint:
             return arc
         return arc + float(tangent @ difference) / information
 
-    arc = search_arc(arc, nearest, _EXACT)
+    arc = search_arc(arc, nearest, _CLOSE)
     squares, known = float(difference @ difference), len(difference)
     return NearestPoint(
         arc, information, math.sqrt(squares / (known - 1)) if known > 1 else math.nan
@@ -356,8 +354,6 @@ def _fit_near(orbit: Orbit, frame: Array, arc: float) -> NearestPoint:
 def _compared(frame: Array, about: OrbitSegment) -> tuple[Array, Array]:
     difference = frame[about.first : about.first + len(about.angles)] - about.angles
     difference -= 2 * math.pi * np.rint(difference * (0.5 / math.pi))
-    if math.isfinite(difference @ difference):
-        return difference, about.tangent
     known = np.isfinite(difference)
     return difference[known], about.tangent[known]
 

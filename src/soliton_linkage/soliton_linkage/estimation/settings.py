@@ -11,6 +11,9 @@ import numpy as np
 
 from soliton_linkage.linkage.quantities import quantity
 
+LEAST_NOISE = 1e-5
+"""Lower limit of the noise of angles [rad]. Smaller changes of a reading do not count."""
+
 
 def record_dtype(part: Any) -> np.dtype[np.void]:
     """Return a structured type with one float64 field for each scalar of a settings class."""
@@ -37,7 +40,9 @@ class NoiseSettings(_Part):
     recent_frames: float = quantity(
         60, 'number of recent frames over which the misfit is averaged'
     )
-    least_noise: float = quantity(1e-5, 'lower limit of the estimated noise of angles', 'rad')
+    least_noise: float = quantity(
+        LEAST_NOISE, 'lower limit of the estimated noise of angles', 'rad'
+    )
     significance: float = quantity(
         4.0,
         'number of standard deviations above which residuals count as persistent, and innovations '
@@ -123,9 +128,14 @@ class FilterSettings(_Part):
         'odds in favour of it',
     )
     impulse_ages: int = quantity(8, 'number of impulse hypotheses, at ages of 1, 2, 4, ... frames')
-    impulse_rarity: float = quantity(8.0, 'prior log odds against an impulse in a frame')
-    impulse_odds: float = quantity(
-        15.0, 'log odds of an impulse above which all filters restart from this impulse'
+    impulse_rarity: float = quantity(
+        8.0,
+        'prior log odds against an impulse in a frame, and largest log odds in favour of the '
+        'steady model',
+    )
+    decisive_odds: float = quantity(
+        15.0,
+        'log odds above which a hypothesis replaces another one: an impulse or a position',
     )
     damping: float = quantity(
         0.02,
@@ -143,9 +153,6 @@ class FilterSettings(_Part):
 class TrackingSettings(_Part):
     """Settings for the gating, the acquisition and the loss of a wall."""
 
-    decisive_odds: float = quantity(
-        12.0, 'a position is discarded if the log odds of the best position against it exceed this'
-    )
     confirming_frames: int = quantity(
         3,
         'number of successive frames that confirm a new wall or the loss of a wall, and largest '
@@ -202,11 +209,6 @@ class WidthSettings(_Part):
     )
     typical_scatter: float = quantity(
         0.01, 'prior standard deviation of ln(gamma) between passages and between frames'
-    )
-    contradiction: float = quantity(
-        6.0,
-        'the mean restarts if a passage differs from it by more than this number of standard '
-        'deviations',
     )
 
 

@@ -33,9 +33,6 @@ from soliton_linkage.estimation.wall_shapes import (
 from soliton_linkage.estimation.wall_track import LatticeCoordinates, WallMeasurement
 from soliton_linkage.linkage.chain import Array, Motion, staggered
 
-_TAILS = 1.5
-"""Before a wall is fitted, all other walls within this multiple of `WallTable.reach` are
-subtracted [1]."""
 _SHARE = 0.25
 """Assumed standard deviation of the arc length due to persistent residuals, divided by the rms of
 these residuals [1], if the shape of the wall is exact. In simulations of two and four walls, it is
@@ -159,8 +156,8 @@ class ShapeMeasurementModel:
         rotors = self._line.rotors_between(wall.site + low, wall.site + high, self._edge)
         own = theta[rotors % len(theta)]
         first = int(rotors[0]) if len(rotors) else 0
-        for way, other in ways:
-            if len(rotors) and abs(way) <= _TAILS * reach:
+        for way, other in ways if len(rotors) else ():
+            if abs(way) <= 2 * reach:  # Tails of walls farther away end outside these rotors.
                 far = np.ascontiguousarray(other.shape.sides[:, int(way < 0)][rotors % 2])
                 own = own + self._residuals(far, first, other, wall.site + way)
         return first, own

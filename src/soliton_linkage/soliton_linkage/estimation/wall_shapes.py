@@ -34,6 +34,7 @@ from soliton_linkage.compiling import (
     named_tuple,
 )
 from soliton_linkage.estimation.frames import Flags, wrapped
+from soliton_linkage.estimation.measurement import MOST_STEPS
 from soliton_linkage.linear.bands import penetration_depth
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
@@ -47,13 +48,11 @@ from soliton_linkage.solitons.tanh_fit import find_solitons
 
 _SCAN_STEP = 0.125
 """Distance between the sites of a scan [rotor spacings]. Every wall is wider than this."""
-_STEPS = 12
-"""Largest number of Gauss-Newton steps of a fit [1]."""
 _LONGEST_STEP = 0.3
 """Largest step of a fit in the site [rotor spacings] and in the stretch [1]."""
 _SHORTER = 0.6
 """If two successive steps in the stretch have opposite signs, all later steps of the fit are
-multiplied by this [1]."""
+multiplied by this [1]. Otherwise, the fits of strong wobbling flippers do not converge."""
 _CLOSE = 1e-6
 """A fit ends when its steps in the site [rotor spacings] and in the stretch [1] are both smaller
 than this."""
@@ -212,7 +211,7 @@ def fit_wall(
     of 1 rad.
     """
     site_information, of_stretch, last, share = 0.0, 0.0, 0.0, 1.0
-    for _ in range(_STEPS):
+    for _ in range(MOST_STEPS):
         site_information, of_stretch, both, ahead, wider = sums_of_fit(
             theta, first, table, site, stretch, variance, bound, free
         )

@@ -34,9 +34,10 @@ _LEAST_DEVIATION = 3e-4
 _PASSAGES, _FEWEST_PASSAGES = 30, 4
 """The variance of ln(gamma) between passages is estimated from the last `_PASSAGES` passages if
 there are at least `_FEWEST_PASSAGES` [1]. In a passage, the wall moves by one rotor spacing."""
-_SIGNIFICANCE = 2.5
+_SIGNIFICANCE = 4.0
 """The variance between passages counts as 0 unless chi-squared exceeds its expectation for pure
-noise by this number of standard deviations [1]."""
+noise by this number of standard deviations. The mean over passages restarts if a passage differs
+from it by more than this number of standard deviations [1]."""
 
 
 class Contraction(NamedTuple):
@@ -148,11 +149,11 @@ class ContractionEstimator:
         value, weight, noise = self._passage
         if not weight:
             return
-        settings, sums = self._settings, self._sums()
+        sums = self._sums()
         value, variance, self._passage = value / weight, noise / weight**2, (0.0, 0.0, 0.0)
         before = self._current_mean()
         allowed = before.deviation**2 + variance + self._scatter
-        if (value - before.logarithm) ** 2 > settings.contradiction**2 * allowed:
+        if (value - before.logarithm) ** 2 > _SIGNIFICANCE**2 * allowed:
             self._discard_passages()
             sums = weight * value, weight, noise, weight**2
         self._passages.append((value, variance))

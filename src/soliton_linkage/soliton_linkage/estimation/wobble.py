@@ -30,8 +30,6 @@ BARS = np.dtype(
 )
 """Parameters of a chain that determine the wobble; `spins` is 1 for spinners, else 0."""
 _BARS = records(BARS)
-_LEAST_NOISE = 1e-12
-"""Lower limit of the noise [rad], of the order of rounding errors."""
 _CALM, _LARGEST, _ABOVE_NOISE = 1e-3, 0.5, 4.0
 """A rotor beside a wall at rest is calm if it deviates from the uniform state by less than `_CALM`
 times the rest angle, or by less than the noise. A rotor is in a tail if its deviation is at most
@@ -39,10 +37,11 @@ times the rest angle, or by less than the noise. A rotor is in a tail if its dev
 _BEND = 0.3
 """Assumed error of the position of a zero of a tail [rotor spacings], if the nearest rotor between
 the zero and the wall deviates by the rest angle. The error is proportional to this deviation."""
-_CERTAIN, _COARSEST = 3.0, 0.2
-"""The decay length is unknown if the standard deviation of the fitted tail ratio is too large: at
-least the exact tail ratio divided by `_CERTAIN`, or large enough to cause a relative error of the
-decay length above `_COARSEST` [1]."""
+_ROUNDING = 1e-12
+"""Lower limit of the noise [rad], of the order of rounding errors."""
+_COARSEST = 0.2
+"""The decay length is unknown if the relative standard deviation of the fitted tail ratio, or of
+the decay length that follows from it, is above this [1]."""
 _NO_OVERSHOOT = (math.nan, math.nan, math.nan)
 
 
@@ -186,9 +185,9 @@ def _decay_length(
 ) -> tuple[float, float]:
     """Return the decay length -a / ln|ratio| (spacing a), and its standard deviation [m]."""
     known = abs(exact)
-    if not (known > _CERTAIN * deviation and 0 < abs(ratio) < 1):
+    if not (known > 0 and 0 < abs(ratio) < 1):
         return math.nan, math.nan
-    if deviation > _COARSEST * known * abs(math.log(known)):
+    if deviation > _COARSEST * known * min(abs(math.log(known)), 1.0):
         return math.nan, math.nan
     length = -spacing / math.log(abs(ratio))
     return length, length * length * deviation / (spacing * abs(ratio))
@@ -213,7 +212,7 @@ def wobble(
     bar, rotors = bars[0], angles.size
     rest_angle, length, spacing = bar['rest_angle'], bar['rotor_length'], bar['spacing']
     wobbling, spins, k = bar['lean_ratio'] > 1, bar['spins'] > 0, spacing / length
-    noise = max(noise, _LEAST_NOISE)
+    noise = max(noise, _ROUNDING)
     error = math.hypot(noise, persistent)
     calm = 0.0 if wobbling else max(noise, _CALM * rest_angle)
     low, high = max(first, 1), min(first + at_rest.size, rotors - 1)
