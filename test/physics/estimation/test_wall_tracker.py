@@ -335,3 +335,14 @@ def test_the_rate_of_an_anti_kink_in_a_well_agrees_with_its_deviation(amplitude)
         rate = math.pi * barrier * amplitude * math.cos(phase)
         scores.append((track.rate - rate) / track.rate_deviation)
     assert 0.5 < np.sqrt(np.mean(np.square(scores[100:]))) < 1.5
+
+
+def test_the_displacement_of_a_pinned_anti_kink_from_its_rest_site_is_uncertain():
+    line = LatticeCoordinates(CHAIN)
+    for rest, low, high in ((math.nan, 0.0, 0.01), (0.8, 0.0, 0.01), (0.5, 0.28, 0.32)):
+        track = WallTrack(line, -1, 1 / CHAIN.time_unit, site_arc(CHAIN), DEFAULTS)
+        for frame in range(20):
+            if frame:
+                track.predict(PERIOD)
+            track.update(WallMeasurement(20.8, 0.01, -1, rest=rest), frame * PERIOD)
+        assert low < track.deviation < high

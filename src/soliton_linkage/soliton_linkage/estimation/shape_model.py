@@ -68,6 +68,7 @@ class ShapeMeasurementModel:
         self._shapes, self._line, self._arc = shapes, line, site_arc
         self._of_charge = {1: shapes.kinks, -1: shapes.anti_kinks}
         self._pinning = {1: 0.0, -1: shapes.pinning_speed}
+        self._rest = {1: math.nan, -1: shapes.rest_site}
         self._chain = chain = shapes.chain
         likelihood, swing = settings.likelihood, rotor_swing(chain)
         self._likelihood = FrameLikelihood(swing, likelihood)
@@ -228,6 +229,7 @@ class ShapeMeasurementModel:
             width=width,
             bias=residual.persistent_error(self._share[wall.charge]) / self._arc**2,
             pinning=self._pinning[wall.charge],
+            rest=self._rest[wall.charge],
             residual=residual,
         )
 

@@ -310,14 +310,24 @@ class WallShapes:
     @cached_property
     def anti_kinks(self) -> tuple[WallShape, ...]:
         """Shapes of anti-kinks, computed at the first use because the computation is slow."""
-        try:
-            path = anti_kink_path(self._window, float(self._sites[0]))
-        except ArithmeticError:
+        if self._path is None:
             return self._pinned()
         if self.chain.lean_ratio < 1:
-            return (self._sampled(CubicSpline(*path)(self._sites)),)
+            return (self._sampled(CubicSpline(*self._path)(self._sites)),)
         mirrored = np.array([[1.0], [1.0], [-1.0], [-1.0]])
         return (self._shape(np.ascontiguousarray(self.kinks[0].table.angles[:, ::-1] * mirrored)),)
+
+    @cached_property
+    def _path(self) -> tuple[Array, Array] | None:
+        """Result of `anti_kink_path`; None if anti-kinks are pinned."""
+        try:
+            return anti_kink_path(self._window, float(self._sites[0]))
+        except ArithmeticError:
+            return None
+
+    @cached_property
+    def _resting(self) -> tuple[float, Array]:
+        return resting_anti_kink(self._window, float(self._sites[0]) + 0.5)
 
     @cached_property
     def pinning_speed(self) -> float:
@@ -325,20 +335,19 @@ class WallShapes:
 
         It is set to 0 if anti-kinks are pinned, because it is then not computed.
         """
-        try:
-            return barrier_speed(
-                self._window, *anti_kink_path(self._window, float(self._sites[0]))
-            )
-        except ArithmeticError:
-            return 0.0
+        return 0.0 if self._path is None else barrier_speed(self._window, *self._path)
+
+    @property
+    def rest_site(self) -> float:
+        """Site at which a pinned anti-kink rests, modulo 1 [rotor spacings]; NaN if not pinned."""
+        return math.nan if self._path is not None else self._resting[0] % 1
 
     def of_leg(self, leg: int) -> WallShape:
         """Return the shape of the kink in a leg of the orbit."""
         return self.kinks[leg % len(self.kinks)]
 
     def _pinned(self) -> tuple[WallShape, WallShape]:
-        window = self._window
-        site, angles = resting_anti_kink(window, float(self._sites[0]) + 0.5)
+        site, angles = self._resting
         rotors, theta = np.arange(len(angles)), staggered(angles)
         most = round(self.reach)
         grid = np.linspace(-most, most, 2 * most * _POINTS + 1)

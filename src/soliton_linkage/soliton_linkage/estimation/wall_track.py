@@ -128,6 +128,11 @@ u is `WallMeasurement.pinning`. The value is f^2 / 2, with the root mean square 
 sqrt(8) of a sinusoidal potential for u = 1."""
 
 
+_CHANCE = 3.0
+"""Displacements of a pinned anti-kink from its rest site count as noise if they are smaller than
+this number of standard deviations [1]."""
+
+
 class WallMeasurement(NamedTuple):
     """Measurement of a wall in one frame, from a fit of its shape or from the `OrbitFilter`."""
 
@@ -144,6 +149,8 @@ class WallMeasurement(NamedTuple):
     pinning: float = 0.0
     """Speed at which the kinetic energy equals the barrier between two sites [spacings / s]; 0 if
     there is no barrier or the barrier is not computed."""
+    rest: float = math.nan
+    """Site at which a pinned anti-kink rests, modulo 1 [rotor spacings]; NaN for other walls."""
     residual: ResidualVariance | None = None
     """Variance of the residuals of the fitted walls, from which the forces of waves on the walls
     are estimated; None if these forces are not estimated."""
@@ -251,8 +258,14 @@ class WallTrack:
         change = math.hypot(speed, 2 * math.pi / self._line.period)
         relative = math.sqrt(of_rate / of_arc) / change
         kept = min(4 * relative, 1.0, 1 / relative) ** 2
-        of_rate *= 1 + measured.bias * self._arc**2 / of_arc * kept
-        self.deviation = math.sqrt(of_arc / self._arc**2 + measured.bias)
+        bias = measured.bias
+        if math.isfinite(measured.rest):
+            # Waves deform a pinned anti-kink, which looks like a displacement from its rest site.
+            apart = math.remainder(self.rotor - measured.rest, 1.0)
+            chance = _CHANCE**2 * (of_arc / self._arc**2 + bias)
+            bias += max(apart**2 - chance, 0.0)
+        of_rate *= 1 + bias * self._arc**2 / of_arc * kept
+        self.deviation = math.sqrt(of_arc / self._arc**2 + bias)
         self.rate_deviation = math.sqrt(of_rate) / self._arc
 
     def stop(self) -> None:
