@@ -130,18 +130,6 @@ def test_the_jitter_of_stamps_is_found_in_a_hundred_frames(least, jump):
     assert math.sqrt(jitter.variance) == pytest.approx(0.2, rel=0.35)
 
 
-def test_a_change_of_encoder_offsets_in_waves_does_not_change_the_noise():
-    random, noise = np.random.default_rng(6), FrameNoise(None)
-    phases = random.uniform(0, 2 * math.pi, ROTORS)
-    for frame in range(900):
-        wave = 0.1 * (frame >= 300) * np.sin(0.05 * frame + phases)
-        noise.update(view_of(wave + 0.02 * random.standard_normal(ROTORS)))
-        if frame == 600:
-            noise.discard_persistence()
-        if frame in (602, 610, 650, 899):
-            assert noise.deviation == pytest.approx(0.02, rel=0.1)
-
-
 def test_a_given_noise_that_is_too_small_is_corrected():
     random, noise = np.random.default_rng(4), FrameNoise(0.01)
     for _ in range(500):

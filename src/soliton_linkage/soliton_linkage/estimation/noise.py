@@ -125,16 +125,6 @@ class FrameNoise:
         self._earlier = *self._earlier[-1:], view
         self._estimate()
 
-    def discard_persistence(self) -> None:
-        """Discard the persistent residuals, because the encoder corrections have changed."""
-        self._earlier = ()
-        self._squares = self.variance * self._freedoms
-        self._products = self._wall = self._weights = self._squared_weights = 0.0
-        # Earlier frames count as pairs without persistence, so that all means are over the same
-        # frames.
-        self._pairs = self._freedoms
-        self._estimate()
-
     def _estimate(self) -> None:
         significance, freedoms = self._settings.significance, self._freedoms
         recent = self._recent_freedoms

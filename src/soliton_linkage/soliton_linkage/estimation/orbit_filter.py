@@ -273,8 +273,7 @@ class OrbitFilter:
         self._variance.learn(view)
         self._variance.learn_outliers(view)
         turned = self._hypotheses.leader.upside_down
-        if self._model.learn(seen, view, elapsed, noise, turned):
-            noise.discard_persistence()
+        self._model.learn(seen, view, elapsed, noise, turned)
         self._hypotheses.add_toggled()
         self._report(time, TrackingStatus.TRACKING if explained else TrackingStatus.COASTING)
 

@@ -142,20 +142,18 @@ class OrbitMeasurementModel:
         elapsed: float,
         noise: FrameNoise,
         upside_down: bool,
-    ) -> bool:
-        """Update the encoder offsets; return whether the number of corrected encoders changed."""
+    ) -> None:
+        """Update the encoder offsets."""
         outlying = view.outlying if view.outliers else None
         residuals = view.residuals
         if self._likelihood.scales is not None:
             residuals = np.where(self._likelihood.scales > _LARGE_SCALE, np.nan, residuals)
         site = self._orbit.site(view.arc)
         if not self.far.add(residuals, outlying, site, elapsed, noise.least):
-            return False
-        known = np.count_nonzero(self.offsets.corrections)
+            return
         self.far.learn(-1 if upside_down else 1, noise.variance)
         self.far.find_doubtful(seen, view.outlying)
         self._any_doubtful = bool(self.far.doubtful.any())
-        return bool(np.count_nonzero(self.offsets.corrections) != known)
 
 
 _NEGLIGIBLE = 0.01
