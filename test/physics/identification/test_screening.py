@@ -119,6 +119,7 @@ def test_a_common_wrong_gain_is_named_and_single_errors_are_not_mistaken_for_it(
         wrong = readings.copy()
         wrong[:, 5] += error
         check_common_gain(wrong)
+    check_common_gain(readings[:, :6] + 0.09 * (1 - 2 * odd[:6]))
 
 
 def test_exchanging_joints_is_recommended_only_if_they_then_move_like_neighbours():

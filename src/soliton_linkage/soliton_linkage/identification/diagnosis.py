@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 
 from soliton_linkage.identification.adjustment import near_limit_bonds
-from soliton_linkage.identification.encoder_errors import EncoderFault
+from soliton_linkage.identification.encoder_errors import EncoderFault, unrecorded_force
 from soliton_linkage.identification.lengths import Lengths
 from soliton_linkage.identification.motion_fit import UNEXPLAINED
 from soliton_linkage.identification.readings import Readings
@@ -69,7 +69,9 @@ def check_explained(
 ) -> None:
     """Raise ValueError with the most likely causes if the model does not explain the readings.
 
-    `model` is the name of the fitted model. `noise` is the root mean square of the `residuals`,
+    `model` is 'bars' or 'springs'. Springs are fitted only if the bonds close nearly, so that the
+    order of the joints is correct. A force that was not recorded is then the most likely cause,
+    because it changes only the motion. `noise` is the root mean square of the `residuals`,
     (T, N), divided by the reading noise [1]. `spreads` contains the estimated relative standard
     deviations [1] of lengths of one kind, and of masses and stiffnesses. `fault` is an encoder
     error, or None. If `fault` is certain, ValueError is raised even if the model explains the
@@ -97,8 +99,11 @@ def check_explained(
             f'a kick or a hand acts near {readings.times[frame] - readings.times[0]:.3g} s (10 % '
             f'of the frames have {of_frames:.0%})',
         ),
-        (1.0, 'joints are missing or not in the order of the rotors'),
     ]
+    if model == 'bars':
+        causes.append((1.0, 'joints are missing or not in the order of the rotors'))
+    elif not (fault and fault.certain and fault.force):
+        causes.append((math.inf, unrecorded_force(readings.joints)))
     ordered = [cause for _, cause in sorted(causes, key=lambda each: -each[0])]
     named = '; '.join([fault.text, *ordered] if fault and fault.certain else ordered)
     raise ValueError(

@@ -224,29 +224,34 @@ class MotionFitter:
         not used. The decrease is computed for a linearised fit. If one window ends, and the next
         one begins, between the two numbers, they already have separate initial states. Then both
         windows are fitted by one motion, and the decrease is the difference of the two fits.
+        Masses that differ before and after a frame imitate a kick. Therefore the prior deviation
+        of the masses is at most `INITIAL_MASS_DEVIATION`, even if the fitted masses differ more.
         """
         ends = np.linspace(*_SHARES[2:4], len(kicks) + 1).tolist()
-        gains = []
-        for stage, frames in zip(pairwise(ends), kicks, strict=True):
+        found, prior, times = self._windows, self._prior, self._record.times
+        limited = min(prior.mass_deviation, INITIAL_MASS_DEVIATION)
+        self._prior = replace(prior, mass_deviation=limited)
+        known = dict(zip(map(id, found), self._found or self._equations(), strict=True))
+        without = self._expected_decrease(list(known.values()))
+        gains = [0.0] * len(kicks)
+        for n, (stage, frames) in enumerate(zip(pairwise(ends), kicks, strict=True)):
             self._stages.enter(*stage)
-            gains.append(self._gain_by_kick(*frames))
+            self._windows = windows_around(found, times, *frames)
+            if len(self._windows) > len(found):
+                equations = self._equations([known.get(id(each)) for each in self._windows])
+                gains[n] = self._expected_decrease(equations) - without
+            else:
+                self._windows = join_windows(found, *frames)
+                if len(self._windows) < len(found):
+                    self._improve(_LAST_STEPS, _SAMPLED)
+                    gains[n] = self._cost(self._windows)[0] - self._cost(found)[0] + without
+            self._windows = found
+        self._prior = prior
         return gains
 
-    def _gain_by_kick(self, before: int, after: int) -> float:
-        found, gain = self._windows, 0.0
-        self._windows = windows_around(found, self._record.times, before, after)
-        if len(self._windows) > len(found):
-            right = self._right(self._cost(self._windows)[1])
-            known = dict(zip(map(id, found), self._found, strict=True))
-            equations = self._equations([known.get(id(each)) for each in self._windows])
-            gain = float(right @ self._solver(equations, 0.0)(right))
-        else:
-            self._windows = join_windows(found, before, after)
-            if len(self._windows) < len(found):
-                self._improve(_LAST_STEPS, _SAMPLED)
-                gain = self._cost(self._windows)[0] - self._cost(found)[0]
-        self._windows = found
-        return gain
+    def _expected_decrease(self, equations: Sequence[Array]) -> float:
+        right = self._right(self._cost(self._windows)[1])
+        return float(right @ self._solver(equations, 0.0)(right))
 
     def error_scores(self) -> tuple[Array, Array]:
         """Return the result of `encoder_errors.error_scores` for this fit."""
@@ -334,10 +339,6 @@ class MotionFitter:
     @property
     def _motion(self) -> FreeMotion:
         return self._windows[0].motion
-
-    def _whitened(self, window: FreeWindow) -> Array:
-        _, pulls, errors = self._record.weighted(window)
-        return self._record.whitened(window.frames, pulls, errors)
 
     def _correct_stamps(self) -> bool:
         found = estimated_stamps(self._record, self._windows, self._stamps, self._noise)
@@ -440,11 +441,10 @@ class MotionFitter:
         motion = self._motion
         parts = self._eliminated(equations, 0.0)
         information = np.sum([each.matrix for each in parts], axis=0)
-        whole = information + self._prior.evaluate(motion)[0]
-        covariance = covariance_in(self._basis, whole)
-        parameters = float(np.sum(covariance * information))
-        squares = sum(float(np.sum(self._whitened(window) ** 2)) for window in self._windows)
-        variance = squares / max(self._freedom() - parameters, 1.0)
-        self._noise = max(math.sqrt(variance), LEAST_NOISE)
+        prior, values = self._prior.evaluate(motion)
+        covariance = covariance_in(self._basis, information + prior)
+        freedom = self._freedom() - float(np.sum(covariance * information))
+        squares = (self._cost(self._windows)[0] - values @ prior @ values) * self._noise**2
+        self._noise = max(math.sqrt(squares / max(freedom, 1.0)), LEAST_NOISE)
         self._prior = self._prior.reestimated(motion, covariance, self._tolerance)
         return covariance, information

@@ -46,6 +46,9 @@ fit finds smaller errors."""
 _SIGNIFICANT_GAIN = 4.0
 """A common gain error is reported if it is larger than this [standard deviations]. In 27 correct
 recordings of 12 and 20 rotors, the largest apparent error was 1.9."""
+_ZERO_SCATTER = 0.1
+"""Typical standard deviation of the results of `_zero_errors` for correct encoders [rad]. In a
+short chain, the estimated zero errors may scatter less by chance."""
 _LEAST_SPREAD = 1.0
 """A common gain error is estimated only if the standard deviation of the mean readings of the
 rotors is at least this [rad]."""
@@ -113,7 +116,8 @@ def check_common_gain(readings: Array) -> None:
         return
     size = float(middles @ errors) / squares
     rest = errors - size * middles
-    spread = math.sqrt(float(rest @ rest) / (len(rest) * squares))
+    variance = max(float(rest @ rest) / (len(rest) - 2), _ZERO_SCATTER**2)
+    spread = math.sqrt(variance / squares)
     significant = abs(size) > max(_SMALLEST_GAIN_ERROR, _SIGNIFICANT_GAIN * spread)
     if significant and np.abs(rest).max() < _OTHER_FAULT:
         raise ValueError(
