@@ -28,6 +28,8 @@ from soliton_linkage_nodes.serial_encoders.node import SerialEncoders
 ROTORS = 4
 ANGLES = np.array([0.5, -1.0, 2.0, math.nan])
 COUNT = math.tau / 4096
+RESENT_AFTER = 5.0
+"""Time after which an unpublished frame is sent again [s]."""
 
 
 class Controller:
@@ -50,11 +52,22 @@ class Controller:
         self.line.write(self.simulated.start(time.monotonic()))
 
     def send(self, received: list[Any], number: int) -> None:
-        """Send so many frames, each after the previous one was published."""
+        """Send frames, each after the previous one was published, until so many are published.
+
+        A frame that is not published for some seconds is sent again: on a busy machine, the node
+        may reject a frame that arrives much sooner than the frames before it.
+        """
         for _ in range(number):
-            before = len(received)
-            self.line.write(self.simulated.measure(time.monotonic(), ANGLES))
-            self._graph.until(lambda count=before: len(received) > count, 'a message')
+            before, sent = len(received), -math.inf
+
+            def published(count: int = before) -> bool:
+                nonlocal sent
+                if time.monotonic() - sent > RESENT_AFTER:
+                    sent = time.monotonic()
+                    self.line.write(self.simulated.measure(sent, ANGLES))
+                return len(received) > count
+
+            self._graph.until(published, 'a message')
 
     def torques(self) -> list[float]:
         self.simulated.receive(0.0, self.line.read())

@@ -255,10 +255,9 @@ def test_only_the_valid_commands_of_a_flood_are_executed(graph):
     graph.until(lambda: refusals.rejected == 4 * right, 'the refusals')
     reports = graph.reports('simulator')
     torques.publish(JointState(name=['rotor_1'], effort=[10.5]))
-    graph.until(lambda: any(report.level == report.WARN for report in reports), 'the refusal')
     complaint = 'rotor_1 = 10.5 must lie in the range -10 to 10'
+    graph.until(lambda: any(complaint in report.message for report in reports), 'the refusal')
     assert complaint in values(reports[-1])['last rejection']
-    assert any(complaint in report.message for report in reports)
     frames = paused.taken(60)
     twin = ElasticSimulation(CHAIN, CHAIN.uniform_state(-1), None, 1 / RATE)
     assert list(frames[0].position) == twin.angles.tolist()
