@@ -47,8 +47,8 @@ _SIGNIFICANT_GAIN = 4.0
 """A common gain error is reported if it is larger than this [standard deviations]. In 27 correct
 recordings of 12 and 20 rotors, the largest apparent error was 1.9."""
 _ZERO_SCATTER = 0.1
-"""Typical standard deviation of the results of `_zero_errors` for correct encoders [rad]. In a
-short chain, the estimated zero errors may scatter less by chance."""
+"""Lower limit of the standard deviation of the results of `_zero_errors` [rad], typical of correct
+encoders. A short chain has too few results to estimate a smaller standard deviation."""
 _LEAST_SPREAD = 1.0
 """A common gain error is estimated only if the standard deviation of the mean readings of the
 rotors is at least this [rad]."""
