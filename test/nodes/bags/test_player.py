@@ -14,6 +14,7 @@ from ament_index_python.packages import get_package_prefix
 from graphs import Graph, values
 from programs import PACKAGE
 from recordings import MILLISECOND, START, frame_message, run_of, write_bag
+from rclpy.serialization import serialize_message
 from std_srvs.srv import Trigger
 
 from soliton_linkage_msgs.msg import SolitonEvent, SolitonState
@@ -128,11 +129,9 @@ def test_damage_that_shows_while_playing_ends_it_with_one_line(start, named, tmp
     bag = write_bag(tmp_path / 'run', run_of(named, 2000))
     data = bag / 'run_0_0.mcap'
     whole = data.read_bytes()
-    place = whole.rindex(b'\x00rotor_7\x00', 0, len(whole) // 2)
-    # The length of the message record after it: the reader runs beyond the end of the chunk.
-    message = re.compile(rb'\x05..\x00{6}', re.DOTALL).search(whole, place + 200)
-    assert message is not None
-    opcode = message.start()
+    record = len(serialize_message(frame_message(named, 0))) + 22
+    # The length of a message record: the reader runs beyond the end of the chunk.
+    opcode = whole.rindex(b'\x05' + record.to_bytes(8, 'little'), 0, len(whole) // 2)
     data.write_bytes(whole[: opcode + 1] + b'\xff' * 7 + whole[opcode + 8 :])
     program = start(
         'bag_player', '--ros-args', '-p', f'bag:={bag}', '-p', 'subscriber_timeout:=0.0'
