@@ -13,8 +13,8 @@ import pytest
 from ament_index_python.packages import get_package_prefix
 from graphs import Graph, values
 from programs import PACKAGE
-from recordings import MILLISECOND, START, frame_message, run_of, write_bag
 from rclpy.serialization import serialize_message
+from recordings import MILLISECOND, START, frame_message, run_of, write_bag
 from std_srvs.srv import Trigger
 
 from soliton_linkage_msgs.msg import SolitonEvent, SolitonState

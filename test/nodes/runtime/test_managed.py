@@ -62,6 +62,10 @@ def test_a_manager_takes_every_node_through_its_life_twice(graph, node_type, nee
     assert change(graph, node, ACTIVATE)
     assert change(graph, node, SHUT_DOWN)
     assert state(graph, node) == State.PRIMARY_STATE_FINALIZED
+    name = node.get_name()
+    assert name in graph.user.get_node_names()
+    graph.stop(node)
+    graph.until(lambda: name not in graph.user.get_node_names(), f'{name} to leave the graph')
 
 
 def test_the_manager_of_navigation2_starts_pauses_and_ends_the_suite(graph, tmp_path):

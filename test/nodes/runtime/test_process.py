@@ -2,6 +2,7 @@
 """Every node starts as a process or logs the reason in one line, and stops on a signal."""
 
 import contextlib
+import os
 import signal
 import subprocess
 import sys
@@ -141,6 +142,54 @@ taken.wait()
 print('ended', end='')
 end_process(3)
 """
+
+
+WRONG_NODE = """
+import atexit, weakref
+from rclpy.node import Node
+from soliton_linkage_nodes.runtime.process import run_together
+
+nodes = []
+
+class Wrong(Node):
+    def __init__(self):
+        super().__init__('wrong')
+        nodes.append(weakref.ref(self))
+        self.create_timer(1.0, self.act)
+        raise ValueError('wrong')
+
+    def act(self):
+        pass
+
+atexit.register(lambda: print('destroyed' if nodes[0]() is None else 'alive', end=''))
+run_together([Wrong], ['wrong'])
+"""
+WRONG_CLIENT = """
+from rclpy.node import Node
+from soliton_linkage_nodes.programs.command_line import ros_client
+
+class Client(Node):
+    def destroy_node(self):
+        super().destroy_node()
+        print('destroyed', end='')
+
+with ros_client('client', lambda stopping: Client('client')):
+    raise ValueError('wrong')
+"""
+
+
+@pytest.mark.parametrize('code', [WRONG_NODE, WRONG_CLIENT], ids=['node', 'client'])
+def test_after_an_error_the_node_is_destroyed_before_the_process_ends(graph, code):
+    """Otherwise threads of the middleware run on while the process ends, and can crash it."""
+    ended = subprocess.run(
+        [sys.executable, '-c', code],
+        env={**os.environ, 'ROS_DOMAIN_ID': str(graph.domain)},
+        capture_output=True,
+        text=True,
+        timeout=240,
+        check=False,
+    )
+    assert (ended.returncode, ended.stdout) == (1, 'destroyed'), ended.stderr
 
 
 def test_a_long_computation_does_not_delay_the_end_of_a_process():

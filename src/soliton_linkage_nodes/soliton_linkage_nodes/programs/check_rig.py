@@ -269,14 +269,10 @@ def main() -> None:
     add_quantity(parser, '--limit', limit, 60.0)
     add_output(parser, 'out/rig.html', 'report page')
     options = parse_own_arguments(parser)
-    with ros_client('check_rig') as stopping:
-        node = CheckRig(stopping)
-        try:
-            found = node.check(options.seconds, options.limit, not options.no_turn)
-            described = describe_chain(node.named.chain) if node.named else 'no chain is known'
-            names = node.joint_names if found else ()
-        finally:
-            node.destroy_node()
+    with ros_client('check_rig', CheckRig) as client:
+        found = client.check(options.seconds, options.limit, not options.no_turn)
+        described = describe_chain(client.named.chain) if client.named else 'no chain is known'
+        names = client.joint_names if found else ()
         if found is not None:
             for each in found.findings:
                 print(f'{each.verdict:9}{each.subject:9}{each.text}')

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import rclpy
+from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
 
 from soliton_linkage.command_line import PlainParser
@@ -24,6 +25,7 @@ from soliton_linkage_nodes.runtime.parameter_files import check_files
 from soliton_linkage_nodes.runtime.process import initialise, stop_on_signals
 from soliton_linkage_nodes.start import INTERRUPTED
 
+Client = TypeVar('Client', bound=Node)
 Group = TypeVar('Group')
 _SOURCE_LOCATION = re.compile(r', at /\S+:\d+')
 
@@ -95,17 +97,22 @@ def exit_on_failure(program: str) -> Iterator[None]:
 
 
 @contextmanager
-def ros_client(program: str) -> Iterator[threading.Event]:
-    """Initialise ROS for a client, and yield an event that SIGINT and SIGTERM set.
+def ros_client(program: str, create: Callable[[threading.Event], Client]) -> Iterator[Client]:
+    """Initialise ROS, and yield a client, which is destroyed at the end of the block.
 
-    If the block raises an error, the program exits immediately with code 1. If the block ends
-    after a signal, the program exits with code 130. The signal itself does not end the block.
+    `create` gets an event that SIGINT and SIGTERM set. If the block raises an error, the program
+    exits immediately with code 1. If the block ends after a signal, the program exits with code
+    130. The signal itself does not end the block.
     """
     stopping = stop_on_signals()
     try:
         with exit_on_failure(program):
             initialise()
-            yield stopping
+            client = create(stopping)
+            try:
+                yield client
+            finally:
+                client.destroy_node()
     finally:
         rclpy.try_shutdown()
     if stopping.is_set():

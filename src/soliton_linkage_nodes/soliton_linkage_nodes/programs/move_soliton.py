@@ -144,6 +144,6 @@ def main() -> None:
     command_line.add_quantity(parser, '--speed', _SPEED, 0.0)
     command_line.add_quantity(parser, '--wait', _WAIT, _LONGEST_WAIT)
     options = command_line.parse_own_arguments(parser)
-    with command_line.ros_client('move_soliton') as stopping:
-        result = MoveClient(stopping).move(options.rotor, options.speed, options.wait)
+    with command_line.ros_client('move_soliton', MoveClient) as client:
+        result = client.move(options.rotor, options.speed, options.wait)
     sys.exit(result.outcome != MoveSoliton.Result.REACHED)

@@ -152,9 +152,8 @@ def main() -> None:
     command_line.add_quantity(parser, '--subscribers', _SUBSCRIBERS, 1, int)
     command_line.add_quantity(parser, '--timeout', _TIMEOUT, _LONGEST_WAIT)
     options = command_line.parse_own_arguments(parser)
-    with command_line.ros_client('nudge') as stopping:
-        node = NudgeClient(stopping)
-        kick = node.nudge(options.speed, options.subscribers, options.timeout)
+    with command_line.ros_client('nudge', NudgeClient) as client:
+        kick = client.nudge(options.speed, options.subscribers, options.timeout)
         if kick is not None:
             print(f'nudge: {describe_kick(kick)}')
 

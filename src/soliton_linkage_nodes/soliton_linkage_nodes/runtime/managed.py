@@ -158,6 +158,9 @@ class ManagedNode(GuardedNode, LifecycleNode):
                 self.cleanup()
         finally:
             super().destroy_node()
+            # LifecycleNode does not destroy its state machine, which keeps the node in the graph
+            # and the threads of the middleware running while the process ends.
+            self._state_machine.destroy_when_not_in_use()
 
     def _start(self) -> None:
         for transition in (self.trigger_configure, self.trigger_activate):
@@ -210,7 +213,7 @@ class ManagedNode(GuardedNode, LifecycleNode):
 
 _DESTROYERS: dict[str, Callable[[Any, Any], Any]] = {
     'timers': Node.destroy_timer,
-    'subscriptions': Node.destroy_subscription,
+    'subscriptions': GuardedNode.destroy_subscription,
     'services': Node.destroy_service,
     'clients': Node.destroy_client,
     'publishers': Node.destroy_publisher,

@@ -185,6 +185,8 @@ def run_together(constructors: Sequence[Callable[[], Node]], arguments: list[str
         get_logger('soliton_linkage').fatal(text)
         code = 1
     finally:
+        if code:
+            gc.collect()  # a node whose constructor has failed is part of reference cycles
         rclpy.try_shutdown()
     end_process(code)
 
