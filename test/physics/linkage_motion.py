@@ -1,20 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Walls at rest and the motion of the chain with rigid bars, the truth that tests compare with.
+"""Walls at rest, the truth that tests compare with.
 
 A wall at rest is built bar by bar: each rotor hangs on its neighbour by a bar of length lbar,
-on one of two sides, and away from the wall errors die out. The bars of a moving linkage keep
-their length because its motion follows the zero mode, phi' = t(phi) with |t| = 1.
+on one of two sides, and away from the wall errors die out.
 """
 
 import math
 
 import numpy as np
-from scipy.integrate import solve_ivp
 
-from soliton_linkage.linear.rigidity import zero_mode
-from soliton_linkage.linkage.chain import Array, Chain, Motion
-
-TOLERANCE = 1e-10
+from soliton_linkage.linkage.chain import Array, Chain, Motion, wrapped
 
 
 def wall_between(chain: Chain, rotor: int, turned: bool = False, crossed: bool = False) -> Array:
@@ -57,25 +52,6 @@ def _hung(chain: Chain, angle: float, offset: float, side: int) -> float:
     return math.atan2(h, v) + side * math.acos(min(max(cosine, -1), 1))
 
 
-def rigid_motion(chain: Chain, start: Array, arcs: Array, sense: float = 1.0) -> Array:
-    """Angles after the given arc lengths along the zero mode [rad], shape (len(arcs), N)."""
-    solution = solve_ivp(
-        lambda _, angles: sense * zero_mode(chain, angles),
-        (0, arcs[-1]),
-        start,
-        method='DOP853',
-        t_eval=arcs,
-        rtol=TOLERANCE,
-        atol=TOLERANCE,
-    )
-    return np.ascontiguousarray(solution.y.T)
-
-
 def distance(angles: Array, others: Array) -> Array:
     """Largest difference of two configurations over the rotors, turns of 2 pi apart [rad]."""
-    return np.asarray(np.abs(turned_into_range(angles - others)).max(axis=-1))
-
-
-def turned_into_range(differences: Array) -> Array:
-    """Return angles less the multiple of 2 pi that brings them next to 0 [rad]."""
-    return np.asarray(differences - 2 * np.pi * np.round(differences / (2 * np.pi)))
+    return np.asarray(np.abs(wrapped(angles - others)).max(axis=-1))

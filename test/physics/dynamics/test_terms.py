@@ -8,6 +8,7 @@ from chain_motions import MOTIONS, coordinates, lively_state, motor_torques
 from chains import FLIPPER, chain_of
 
 from soliton_linkage.dynamics.elastic import ElasticSimulation
+from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion
 from soliton_linkage.dynamics.initial_states import with_soliton
 from soliton_linkage.dynamics.rigid import RigidSimulation
 from soliton_linkage.dynamics.terms import (
@@ -183,3 +184,13 @@ def test_forces_without_compiled_steps_are_rejected():
         by(chain_of(FLIPPER, 4), drag, integrator='symplectic')
     with pytest.raises(ValueError, match='regularisation = 0 rad/s'):
         DryFriction(1e-3, 0)
+
+
+def test_arrays_of_another_shape_are_rejected():
+    with pytest.raises(ValueError, match='give one per rotor'):
+        EquationOfMotion(Chain(6), np.zeros(5))
+    for rotor in (-1, 6, 2.5):
+        with pytest.raises(ValueError, match=f'fixed rotor {rotor} must be one of 0 to 5'):
+            EquationOfMotion(Chain(6), fixed=(rotor,))
+    with pytest.raises(ValueError, match='rate of rotor 1'):
+        EquationOfMotion(Chain(3)).state(np.zeros(3), np.array([0, np.nan, 0]))

@@ -79,12 +79,6 @@ def test_couplings_are_the_levers_of_the_uniform_state_in_staggered_angles(chain
     assert second * signs[1:] == pytest.approx(-minus, rel=0, abs=limit)
 
 
-@given(any_chain())
-def test_leaning_the_other_way_exchanges_the_couplings(chain):
-    plus, minus = couplings(chain, 1)
-    assert couplings(chain, -1) == (-minus, -plus)
-
-
 @given(any_chain(), LEANS)
 def test_the_winding_number_counts_the_turns_of_the_determinant(chain, lean):
     plus, minus = couplings(chain, lean)

@@ -180,24 +180,6 @@ def test_a_nudge_along_the_zero_mode_gives_no_energy_to_phonons(chain, angles):
     assert energies[0] == pytest.approx(whole, rel=100 * EPS)
 
 
-@pytest.mark.parametrize(('chain', 'angles'), RELAXED)
-def test_a_mode_vibrates_at_its_frequency_up_to_second_order(chain, angles):
-    modes = normal_modes(chain, angles)
-    number = chain.number_of_rotors // 2
-    shape, omega = modes.shapes[:, number], modes.frequencies[number]
-    shape = shape / np.abs(shape).max()
-    period = 2 * np.pi / omega / 16
-    sizes = np.array([2e-4, 1e-4])
-    errors = []
-    for size in sizes:
-        start = angles + size * shape
-        motion = simulate(chain, start, 0 * start, 40 * period, period, 1e-13)
-        expected = angles + size * np.cos(omega * motion.times)[:, None] * shape
-        errors.append(np.abs(motion.angles - expected).max())
-    assert math.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.1)
-    assert errors[1] < 0.05 * sizes[1]
-
-
 def test_a_slow_wall_keeps_energy_out_of_its_zero_mode_as_the_fourth_power_of_its_speed():
     chain = chain_of(WIDE_FLIPPER, 40)
     start = unstretched(chain, wall_between(chain, 19))

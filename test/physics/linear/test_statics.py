@@ -59,19 +59,6 @@ def test_the_stiffness_matrix_is_symmetric_and_minus_the_gradient_of_the_torques
     )
 
 
-@given(any_chain(), st.booleans(), st.sampled_from(LEANS))
-def test_relaxed_springs_resist_by_their_levers_alone(chain, periodic, lean):
-    rotors = chain.number_of_rotors + chain.number_of_rotors % 2
-    chain = dataclasses.replace(chain, number_of_rotors=rotors, periodic=periodic)
-    angles = chain.uniform_state(lean)
-    levers = rigidity_matrix(chain, angles).toarray()
-    resisting = levers.T @ (chain.stiffnesses[:, None] * levers)
-    tension = chain.stiffness * (rounding(chain) + 8 * EPS * chain.rotor_length)
-    limit = 4 * tension * reach(chain) ** 2 / chain.rest_length
-    limit += 16 * EPS * float(np.abs(resisting).max())
-    assert stiffness_matrix(chain, angles).toarray() == pytest.approx(resisting, rel=0, abs=limit)
-
-
 @given(any_deviating_configuration(), st.integers(0, 2**32))
 def test_the_smallest_change_is_that_of_the_pseudo_inverse(configuration, seed):
     chain, angles = configuration

@@ -11,7 +11,6 @@ import re
 import numpy as np
 import pytest
 from chains import EPS, EXAMPLES, FLIPPER, any_chain, any_configuration, chain_of
-from deviating_chains import shortest_length
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
@@ -61,34 +60,6 @@ def test_uniform_states_are_relaxed(chain, lean):
     assert chain.elastic_energy(angles) <= bonds * chain.stiffness / 2 * limit**2
     assert np.abs(chain.spring_torques(angles)).max() <= (
         2 * chain.stiffness * limit * chain.rotor_length * (1 + 4 * EPS)
-    )
-
-
-@given(any_configuration())
-def test_inverted_chains_have_the_same_extensions_and_opposite_torques(configuration):
-    chain, angles = configuration
-    extensions, bare = chain.spring_extensions(angles), chain.spring_torques(angles)
-    limit = 2 * rounding_of_extensions(chain)
-    assert chain.spring_extensions(np.pi - angles) == pytest.approx(
-        extensions, rel=0, abs=limit + 16 * EPS * chain.rotor_length
-    )
-    size = chain.spacing + 2 * chain.rotor_length
-    shortest = shortest_length(chain, angles)
-    assume(shortest > 1e-3 * size)
-    # Directions of springs are rounded by the rounding of a few sizes over their length.
-    rounding = 16 * EPS * chain.stiffness * size * chain.rotor_length * size / shortest
-    assert chain.spring_torques(np.pi - angles) == pytest.approx(-bare, rel=0, abs=rounding)
-
-
-@given(any_configuration(), st.integers(-1000, 1000))
-def test_whole_turns_of_a_rotor_change_nothing(configuration, turns):
-    chain, angles = configuration
-    turned = angles.copy()
-    turned[0] += 2 * np.pi * turns
-    # The angle itself is rounded, to EPS times its size.
-    limit = 2 * rounding_of_extensions(chain) + 8 * EPS * (abs(turns) + 1) * chain.rotor_length
-    assert chain.spring_extensions(turned) == pytest.approx(
-        chain.spring_extensions(angles), rel=0, abs=limit
     )
 
 

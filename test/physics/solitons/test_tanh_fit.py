@@ -277,19 +277,10 @@ def test_invalid_frames_are_rejected():
         find_solitons(chain, angles, np.array([0, 0, 0, math.inf]))
 
 
-def pair_on_a_ring(chain: Chain) -> Array:
-    """Angles of a ring that leans left from rotor 14.5 to 44.5 and right elsewhere."""
-    rotors, width = np.arange(chain.number_of_rotors), chain.wall_width / chain.spacing
-    lean = np.tanh((14.5 - rotors) / width) * np.tanh((44.5 - rotors) / width)
-    if chain.motion is Motion.SPINNER:
-        return chain.uniform_state(1) + np.arccos(lean)
-    return staggered(np.arcsin(lean * math.sin(chain.rest_angle)))
-
-
 @pytest.mark.parametrize('example', CLASSES)
 def test_walls_on_a_ring_are_found_independent_of_the_numbering(example):
     ring = dataclasses.replace(chain_of(example, 60), periodic=True)
-    angles = pair_on_a_ring(ring)
+    angles = tanh_walls(ring, [14.5, 44.5], 1)
     for shift in range(0, 60, 2):
         found = find_solitons(ring, np.roll(angles, shift), np.zeros(60))
         assert [soliton.rotor for soliton in found] == sorted(soliton.rotor for soliton in found)

@@ -18,13 +18,6 @@ from soliton_linkage.dynamics.terms import tension
 from soliton_linkage.linkage.chain import Array
 
 
-def test_a_step_is_a_palindrome_that_fills_its_time():
-    assert len(DRIFTS) == len(KICKS) + 1
-    for times in (DRIFTS, KICKS):
-        assert times.sum() == pytest.approx(1, abs=1e-15)
-        np.testing.assert_array_equal(times, times[::-1])
-
-
 @pytest.mark.parametrize('name', MOTIONS)
 def test_short_steps_and_their_interpolation_solve_the_equation(name):
     motion = MOTIONS[name]
