@@ -17,7 +17,7 @@ import speed_against_rest_angle
 from pages import ROOT
 
 from soliton_linkage.actuation import ACTUATORS, EdgeDrive
-from soliton_linkage.actuation.edge_command import CommandKind, EdgeCommand
+from soliton_linkage.actuation.edge_command import CommandKind, EdgeCommand, EdgeLimits
 from soliton_linkage.estimation.analyser import Analyser
 from soliton_linkage.linear.rigidity import Edge
 from soliton_linkage.linkage.chain import Chain
@@ -63,7 +63,7 @@ def test_the_coil_gives_the_torque_of_its_current_at_once():
     assert not drive.active
     assert coil.torque(coil.pulse_command(1e-3, 0.2)) * 0.2 == pytest.approx(1e-3)
     with pytest.raises(ValueError, match='current = 3 A must be at most 1 A'):
-        coil.check_command(3.0)
+        EdgeCommand(Edge.FIRST, CommandKind.PRESSURE, 3.0).check(EdgeLimits(1.0, 1.0), coil)
 
 
 def test_the_encoders_angles_are_those_of_a_wall_that_the_analyser_follows():

@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from chains import FLIPPER, SPINNER
+from deviating_chains import random_deviations
 
 from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
-from soliton_linkage.linkage.deviations import Deviations
 from soliton_linkage.linkage.gravity import Gravity
 
 
@@ -20,16 +20,9 @@ def unit_chain(rotors: int, example: tuple[float, float] = FLIPPER, **others: ob
     return dataclasses.replace(chain, **others)
 
 
-def deviating(rotors: int, springs: int) -> Deviations:
-    rng = np.random.default_rng(5)
-    lengths = {'spacing': springs, 'rotor_length': rotors, 'mass': rotors, 'damping': rotors}
-    lengths |= {'stiffness': springs, 'rest_length': springs}
-    return Deviations(**{n: tuple(rng.normal(0, 0.03, count)) for n, count in lengths.items()})
-
-
 def motions() -> Mapping[str, EquationOfMotion]:
     torques = np.random.default_rng(6).normal(0, 0.02, 11)
-    rough = unit_chain(11, deviations=deviating(11, 10))
+    rough = unit_chain(11, deviations=random_deviations(11, 10, 5, 0.05))
     return {
         'flipper': EquationOfMotion(unit_chain(11)),
         'whole vectors': EquationOfMotion(unit_chain(16)),
@@ -39,7 +32,7 @@ def motions() -> Mapping[str, EquationOfMotion]:
         'ring, padded': EquationOfMotion(unit_chain(10, periodic=True)),
         'deviating': EquationOfMotion(rough),
         'deviating ring': EquationOfMotion(
-            unit_chain(10, periodic=True, deviations=deviating(10, 10))
+            unit_chain(10, periodic=True, deviations=random_deviations(10, 10, 5, 0.05))
         ),
         'gravity and torques': EquationOfMotion(unit_chain(11), torques, Gravity(0.1, 0.4)),
         'damped': EquationOfMotion(unit_chain(11, damping=0.03)),

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A custom actuator model needs a dataclass and an entry in the registry."""
+"""The pneumatic actuator follows its commands; `examples/own_actuator.py` is a custom one."""
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -10,87 +9,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from soliton_linkage.actuation.actuators import ACTUATORS, PneumaticActuator, actuator_type
-from soliton_linkage.actuation.edge_command import CommandKind, EdgeCommand, EdgeLimits
+from soliton_linkage.actuation.actuators import PneumaticActuator, actuator_type
 from soliton_linkage.actuation.profile import Profile, trapezoid
-from soliton_linkage.actuation.torque_drive import EdgeDrive, TorqueDrive
-from soliton_linkage.linear.rigidity import Edge, mode_towards_last
-from soliton_linkage.linkage.chain import Array, Chain
-from soliton_linkage.linkage.quantities import quantity
-
-PERIOD = 0.004
-HALF_A_SECOND = EdgeCommand(Edge.FIRST, CommandKind.PRESSURE, 2.0, 0.5)
-
-
-@dataclass(frozen=True)
-class DirectDrive:
-    """Motor whose current [A] follows its command without delay."""
-
-    torque_constant: float = quantity(1e-3, 'torque of a current', 'N m/A', 0.0)
-    highest_current: float = quantity(5.0, 'largest current', 'A', 0.0)
-
-    def check_command(self, command: float) -> None:
-        if not abs(command) <= self.highest_current:
-            raise ValueError(f'current = {command:g} A must be at most {self.highest_current:g} A')
-
-    def response(
-        self, level: float, command: Profile, start: float, end: float
-    ) -> tuple[float, float]:
-        return float(command.before(end)), float(command.integral(start, end))
-
-    def torque(self, level: float) -> float:
-        return self.torque_constant * level
-
-    def is_saturated(self, level: float) -> bool:
-        return False
-
-    def pulse_command(self, impulse: float, duration: float) -> float:
-        return impulse / (self.torque_constant * duration)
-
-
-@pytest.fixture
-def motor(monkeypatch):
-    monkeypatch.setitem(ACTUATORS, 'direct_drive', DirectDrive)
-    return actuator_type('direct_drive')()
+from soliton_linkage.linkage.chain import Array
 
 
 def test_the_actuator_model_is_selected_by_name():
     assert actuator_type('pneumatic') is PneumaticActuator
     with pytest.raises(ValueError, match="actuator = 'steam' must be one of 'pneumatic'"):
         actuator_type('steam')
-
-
-def test_a_custom_actuator_gives_its_commanded_torque(motor):
-    drive = EdgeDrive(motor)
-    drive.command(HALF_A_SECOND, Edge.FIRST, 1.0)
-    given = [drive.mean_torque(t, t + PERIOD).torque for t in 1 + PERIOD * np.arange(150)]
-    np.testing.assert_allclose(given[:125], 2e-3, rtol=1e-9)
-    np.testing.assert_allclose(given[125:], 0.0, atol=1e-15)
-    assert not drive.active
-
-
-def test_a_custom_actuator_acts_along_the_zero_mode(motor):
-    chain = Chain(number_of_rotors=6)
-    angles = chain.uniform_state(-1)
-    drive = TorqueDrive(chain, motor, 0.0)
-    drive.edges.command(HALF_A_SECOND, Edge.FIRST, 0.0)
-    expected = 2e-3 * mode_towards_last(chain, angles)
-    np.testing.assert_allclose(drive.torques(angles, 0.0, PERIOD).torques, expected, rtol=1e-12)
-
-
-def test_a_custom_actuator_checks_its_commands(motor):
-    command = EdgeCommand(Edge.FIRST, CommandKind.PRESSURE, 7.0)
-    with pytest.raises(ValueError, match='current = 7 A must be at most 5 A'):
-        command.check(EdgeLimits(speed=1.0, torque=1.0), motor)
-
-
-def test_a_pulse_of_a_custom_actuator_has_the_impulse_of_the_kick(motor):
-    chain = Chain(number_of_rotors=6)
-    kick = EdgeCommand(Edge.LAST, CommandKind.KICK, 0.3)
-    drive = EdgeDrive(motor)
-    drive.command(kick.as_pressure(chain, motor, 0.1), Edge.LAST, 0.0)
-    impulse = drive.mean_torque(0.0, 1.0).torque
-    assert impulse == pytest.approx(-chain.moment_of_inertia * 0.3, rel=1e-9)
 
 
 ACTUATOR = PneumaticActuator(filling_time=0.03, venting_time=0.07)

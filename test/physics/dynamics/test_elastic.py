@@ -102,26 +102,6 @@ def test_the_drift_is_the_share_of_energy_that_nothing_accounts_for():
     )
 
 
-def test_a_rotor_of_a_chain_with_slack_springs_is_accelerated_evenly():
-    chain = Chain(3, stiffness=1e-9)
-    torque = 1e-4 * np.array([1.0, 0.0, -2.0])
-    simulation = ElasticSimulation(chain, chain.uniform_state(-1), period=0.25)
-    for _ in range(4):
-        simulation.advance()
-    simulation.hold(torque)
-    for _ in range(8):
-        simulation.advance()
-    simulation.hold(0 * torque)
-    for _ in range(4):
-        simulation.advance()
-    acceleration = torque / chain.moment_of_inertia
-    assert simulation.rates == pytest.approx(2 * acceleration, rel=1e-6, abs=1e-4)
-    travelled = acceleration * (2**2 / 2 + 2 * 1)
-    assert simulation.angles - chain.uniform_state(-1) == pytest.approx(
-        travelled, rel=1e-6, abs=1e-4
-    )
-
-
 def test_the_simulation_copies_its_arguments():
     chain, angles, rates = nudged(FLIPPER, 0.1)
     torque = np.full(10, 1e-5)

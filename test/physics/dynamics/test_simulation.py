@@ -76,19 +76,6 @@ def test_normal_modes_decay_at_half_the_damping_over_the_inertia(example):
                 )
 
 
-def test_slack_rotors_slow_down_each_by_its_own_damping_over_its_own_inertia():
-    chain = Chain(5, stiffness=1e-9, damping=2e-5)
-    chain = deviating(chain, 3, 0.5)
-    rates = np.linspace(20, 60, 5)
-    simulation = ElasticSimulation(chain, chain.uniform_state(-1), rates, 0.1)
-    recording = simulation.record(5.0)
-    decay = chain.dampings / chain.moments_of_inertia
-    expected = rates * np.exp(-np.outer(recording.times, decay))
-    assert recording.rates == pytest.approx(expected, rel=0, abs=1e-5)
-    lost = float(chain.kinetic_energy(rates) - chain.kinetic_energy(recording.rates[-1]))
-    assert simulation.dissipated == pytest.approx(lost, rel=1e-6)
-
-
 @pytest.mark.parametrize('example', CLASSES)
 def test_gravity_turned_at_a_frame_is_a_start_from_that_frame(example):
     simulation = shaken(example, NO_GRAVITY)

@@ -28,7 +28,6 @@ from sampled_orbit import closed_orbit
 
 from soliton_linkage.linear.bands import couplings
 from soliton_linkage.linear.rigidity import (
-    mode_centre,
     rigidity_bands,
     rigidity_matrix,
     states_of_self_stress,
@@ -143,17 +142,6 @@ def test_a_rotor_that_points_at_its_neighbours_mass_ends_the_zero_mode():
     assert np.abs(mirrored) == pytest.approx(np.abs(mode[::-1]), rel=8 * EPS, abs=1e-250)
 
 
-@given(any_configuration())
-def test_the_centre_of_a_mode_is_reflected_with_the_chain(configuration):
-    chain, angles = configuration
-    last = chain.number_of_rotors - 1
-    centre = mode_centre(zero_mode(chain, angles))
-    mirrored = mode_centre(zero_mode(chain, -angles[::-1]))
-    assume(leftovers(chain, -angles[::-1], zero_mode(chain, angles)[::-1]).max(initial=0) < 1e-12)
-    assert 0 <= centre <= last * (1 + 4 * EPS)
-    assert mirrored == pytest.approx(last - centre, rel=0, abs=1e-9)
-
-
 @pytest.mark.parametrize(
     ('example', 'rotors'), [*((example, 10) for example in EXAMPLES), (FLIPPER, 2)]
 )
@@ -219,14 +207,3 @@ def test_rotors_that_point_outwards_trap_a_stress_between_them_and_free_a_motion
             assert (
                 np.abs(rigidity_matrix(chain, angles) @ mode).max() <= 8 * EPS * chain.rotor_length
             )
-
-
-def test_a_ring_that_is_its_own_mirror_image_has_one_of_each():
-    for seed in range(3):
-        for example in EXAMPLES:
-            # There B_n = -A_{N-2-n}, so that det R = A_0 A_1 ... - B_0 B_1 ... vanishes.
-            ring = dataclasses.replace(chain_of(example, 8), periodic=True)
-            half = np.random.default_rng(seed).uniform(-3, 3, 4)
-            angles = np.concatenate([half, -half[::-1]])
-            assert zero_modes(ring, angles).shape[1] == 1
-            assert states_of_self_stress(ring, angles).shape[1] == 1

@@ -28,8 +28,9 @@ from soliton_linkage.linear.statics import (
     toggled_angle,
     unstretched,
 )
-from soliton_linkage.linkage.chain import Array, Chain, staggered
+from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.deviations import Deviations
+from soliton_linkage.solitons.anti_kink import continuum_anti_kink
 from soliton_linkage.solitons.static_wall import static_wall
 
 LEANS = (-1, 1)
@@ -132,18 +133,6 @@ def test_rest_states_move_in_proportion_to_small_deviations():
             assert size > 0.1
 
 
-def antikink(spacings: float, chain: Chain) -> Array:
-    """Angles of u = +ub tanh(x / w) about a place, and half a ring further its mirror image."""
-    lean = chain.rotor_length * math.sin(chain.rest_angle)
-    width = chain.wall_width / chain.spacing
-    rotors = np.arange(chain.number_of_rotors)
-    half = chain.number_of_rotors // 2
-    rising = np.tanh((rotors - spacings) / width)
-    falling = -np.tanh((rotors - spacings - half) / width)
-    profile = np.where(rotors < spacings + half / 2, rising, falling)
-    return staggered(np.arcsin(lean * profile / chain.rotor_length))
-
-
 def test_a_free_chain_near_rest_is_balanced_with_every_spring_relaxed():
     for example in EXAMPLES:
         for lean in LEANS:
@@ -204,7 +193,7 @@ def test_a_chain_with_a_motion_that_nothing_resists_has_no_balance():
 def test_torques_are_in_balance_or_rejected_by_rotor():
     # Next to the one balance of an anti-kink Newton's method finds it or does not, by rounding.
     chain = chain_of(FLIPPER, 20)
-    start = antikink(9.5, dataclasses.replace(chain, number_of_rotors=40))[:20]
+    start = continuum_anti_kink(dataclasses.replace(chain, number_of_rotors=40), 9.5)[:20]
     refusals = []
     for seed in range(20):
         noise = 1e-9 * np.random.default_rng(seed).standard_normal(20)

@@ -44,15 +44,6 @@ def test_the_tails_agree_far_from_d_1():
     assert exact_tail(wide).wave_number * wide.spacing == pytest.approx(math.pi)
 
 
-def test_the_tail_changes_its_kind_at_d_1():
-    rest_angle = 0.77
-    for share, oscillates in ((1 - 1e-9, False), (1 + 1e-9, True)):
-        chain = chain_of((share / (2 * math.sin(rest_angle)), rest_angle), 2)
-        tail = exact_tail(chain)
-        assert tail.wave_number == (math.pi / chain.spacing if oscillates else 0)
-        assert tail.decay_length < chain.spacing / 20
-
-
 @pytest.mark.parametrize('example', [FLIPPER, WOBBLER, (1.2, 0.77), STRONG_WOBBLER, (1.8, 0.77)])
 def test_the_exact_tail_is_that_of_the_exact_wall(example):
     chain = chain_of(example, 80)

@@ -6,24 +6,18 @@ import dataclasses
 import numpy as np
 import pytest
 from chains import EXAMPLES, FLIPPER, chain_of
+from deviating_chains import deviating
 from urdf_parser_py.urdf import URDF
 
 from soliton_linkage.linkage.chain import Array, Chain
-from soliton_linkage.linkage.deviations import drawn_deviations
 from soliton_linkage.linkage.urdf import BASE, JointLimits, robot_description
 
 PRECISION = 1e-12
 
 
-def deviating(chain: Chain) -> Chain:
-    drawn = drawn_deviations(
-        chain.number_of_rotors, 3, spacing=0.05, rotor_length=0.05, mass=0.1, damping=0.2
-    )
-    return dataclasses.replace(chain, damping=1e-5, deviations=drawn)
-
-
 CHAIN = chain_of(FLIPPER, 7)
-CHAINS = [*(chain_of(example, 7) for example in EXAMPLES), deviating(CHAIN)]
+UNEQUAL = deviating(dataclasses.replace(CHAIN, damping=1e-5), 3, 0.1)
+CHAINS = [*(chain_of(example, 7) for example in EXAMPLES), UNEQUAL]
 
 
 def angles_of(chain: Chain) -> Array:

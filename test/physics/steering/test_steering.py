@@ -16,7 +16,6 @@ from soliton_linkage.linear.normal_modes import phonon_energy
 from soliton_linkage.linear.statics import unstretched
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.deviations import drawn_deviations
-from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage.orbit.deviating_orbit import orbit_of
 from soliton_linkage.orbit.orbit import Orbit
 from soliton_linkage.steering.reference_trajectory import bandwidth
@@ -35,21 +34,29 @@ def steering_of(orbit: Orbit, settings: SteeringSettings = DEFAULTS) -> Steering
 
 
 def rigid_loop(
-    example: tuple[float, float], place: float, disturbance: float = 0.0
+    example: tuple[float, float],
+    place: float,
+    settings: SteeringSettings = DEFAULTS,
+    disturbance: float = 0.0,
+    period: float = PERIOD,
+    **options: float,
 ) -> tuple[Loop, RigidWall]:
     """Return a loop that has observed a rigid-bar wall for a while, and the wall."""
     orbit = uniform_orbit(example, ROTORS)
     wall = RigidWall(orbit, orbit.arc_at(place, 0), disturbance=disturbance)
-    loop = Loop(steering_of(orbit), wall, PERIOD)
+    loop = Loop(steering_of(orbit, settings), wall, period, **options)
     loop.go_on(SEEN)
     return loop, wall
 
 
-def spring_wall(chain: Chain, angles: Array, gravity: float = 0.0) -> SpringWall:
-    field = Gravity(gravity, 0.3)
-    return SpringWall(
-        ElasticSimulation(chain, angles, period=PERIOD, tolerance=1e-7, gravity=field)
-    )
+def move_to(loop: Loop, goal: float) -> None:
+    """Move the wall to a goal, which it must reach."""
+    assert loop.steering.move(goal) is None
+    assert loop.until_ended().outcome is Outcome.REACHED
+
+
+def spring_wall(chain: Chain, angles: Array) -> SpringWall:
+    return SpringWall(ElasticSimulation(chain, angles, period=PERIOD, tolerance=1e-7))
 
 
 def place_of(orbit: Orbit, angles: Array) -> float:
@@ -98,8 +105,7 @@ def test_the_goal_is_reached_with_unmodelled_noise_friction_and_disorder(example
     wall = spring_wall(true, start)
     loop = Loop(steering_of(orbit), wall, noise=NOISE, seed=seed)
     loop.go_on(SEEN)
-    assert loop.steering.move(5.5) is None
-    assert loop.until_ended().outcome is Outcome.REACHED
+    move_to(loop, 5.5)
     held_within(loop, 5.5, 0.05)
     left = phonon_energy(true, wall.simulation.angles, wall.simulation.rates)
     scale = chain.moment_of_inertia * (loop.steering.adiabatic_speed * orbit.site_arc) ** 2 / 2
@@ -116,21 +122,8 @@ def test_with_known_deviations_the_wall_ends_on_the_orbit_of_that_chain(example)
     wall = spring_wall(orbit.chain, orbit.configuration(orbit.arc_at(3.0, 0)))
     loop = Loop(steering_of(orbit), wall, noise=NOISE)
     loop.go_on(SEEN)
-    assert loop.steering.move(4.5) is None
-    assert loop.until_ended().outcome is Outcome.REACHED
+    move_to(loop, 4.5)
     held_within(loop, 4.5, 0.05)
-
-
-@pytest.mark.parametrize('example', [FLIPPER, SPINNER])
-def test_a_wall_is_held_against_gravity(example):
-    orbit = uniform_orbit(example, ROTORS)
-    wall = spring_wall(orbit.chain, orbit.configuration(orbit.arc_at(3.0, 0)), gravity=1.0)
-    loop = Loop(steering_of(orbit), wall)
-    loop.go_on(0.04)
-    assert loop.steering.move(5.0) is None
-    assert loop.until_ended().outcome is Outcome.REACHED
-    held_within(loop, 5.0, 0.02)
-    assert np.abs(loop.steering.torques()).max() > 1e-5
 
 
 @pytest.mark.parametrize('example', CLASSES)
@@ -141,8 +134,7 @@ def test_a_wall_is_moved_out_of_its_edge_and_back(example):
     loop.steering = steering_of(orbit)
     loop.go_on(SEEN)
     for goal in (4.5, 9.0, 0.0):
-        assert loop.steering.move(goal) is None
-        assert loop.until_ended().outcome is Outcome.REACHED
+        move_to(loop, goal)
         assert wall.place == pytest.approx(goal, abs=0.01)
 
 
@@ -159,8 +151,7 @@ def test_the_wall_follows_its_reference():
 @pytest.mark.parametrize('example', CLASSES)
 def test_a_constant_force_causes_no_steady_error(example):
     loop, wall = rigid_loop(example, 4.0, disturbance=2.0)
-    assert loop.steering.move(4.0) is None
-    assert loop.until_ended().outcome is Outcome.REACHED
+    move_to(loop, 4.0)
     loop.go_on(2.0)
     assert wall.place == pytest.approx(4.0, abs=1e-3)
 
@@ -184,23 +175,16 @@ def test_the_error_after_an_impulse_decays_with_the_bandwidth(example):
 
 @pytest.mark.parametrize('example', CLASSES)
 def test_the_loop_is_stable_with_delayed_torques(example):
-    orbit = uniform_orbit(example, ROTORS)
-    wall = RigidWall(orbit, orbit.arc_at(4.0, 0))
-    loop = Loop(steering_of(orbit), wall, PERIOD, delay=8)
-    loop.go_on(SEEN)
-    assert loop.steering.move(6.0) is None
-    assert loop.until_ended().outcome is Outcome.REACHED
+    loop, wall = rigid_loop(example, 4.0, delay=8)
+    move_to(loop, 6.0)
     assert wall.place == pytest.approx(6.0, abs=0.05)
 
 
 @pytest.mark.parametrize('period', [0.001, 0.04])
 def test_the_loop_is_stable_at_any_frame_rate(period):
-    orbit = uniform_orbit(FLIPPER, ROTORS)
-    wall = RigidWall(orbit, orbit.arc_at(4.0, 0))
-    loop = Loop(steering_of(orbit), wall, period)
-    loop.go_on(1.0)
-    assert loop.steering.move(6.0) is None
-    assert loop.until_ended().outcome is Outcome.REACHED
+    loop, wall = rigid_loop(FLIPPER, 4.0, period=period)
+    loop.go_on(1.0 - SEEN)
+    move_to(loop, 6.0)
     assert wall.place == pytest.approx(6.0, abs=0.05)
 
 
@@ -268,8 +252,7 @@ def test_an_upside_down_chain_is_steered_as_well():
     wall = spring_wall(orbit.chain, math.pi - orbit.configuration(orbit.arc_at(3.0, 0)))
     loop = Loop(steering_of(orbit), wall)
     loop.go_on(SEEN)
-    assert loop.steering.move(4.0) is None
-    assert loop.until_ended().outcome is Outcome.REACHED
+    move_to(loop, 4.0)
     assert place_of(orbit, math.pi - wall.frame()) == pytest.approx(4.0, abs=0.01)
 
 
@@ -323,8 +306,7 @@ def test_an_edge_actuator_reaches_as_far_as_the_edge_mode():
     assert 'they can move a soliton at rotor 0.50 between rotors 0.00 and ' in refused.message
     reach = float(refused.message.partition(' and ')[2].split()[0])
     assert 0.5 < reach < 7
-    assert steering.move(1.2) is None
-    assert loop.until_ended().outcome is Outcome.REACHED
+    move_to(loop, 1.2)
     held_within(loop, 1.2, 0.02)
     assert not steering.torques()[1:].any()
 
@@ -337,8 +319,7 @@ def test_far_from_the_actuators_the_bandwidth_decreases_to_limit_noise_torques()
         steering = Steering(orbit, TorqueAllocation(orbit, rotors, torque_limit=0.1))
         loop = Loop(steering, RigidWall(orbit, orbit.arc_at(0.5, 0)), noise=NOISE)
         loop.go_on(SEEN)
-        assert steering.move(3.0) is None
-        assert loop.until_ended().outcome is Outcome.REACHED
+        move_to(loop, 3.0)
         times.append(loop.time)
         held = []
         for _ in range(800):
@@ -412,10 +393,7 @@ def test_a_wall_under_excessive_load_leaves_its_reference_and_is_lost():
 
 
 def test_a_wall_that_does_not_settle_is_reported_as_not_held():
-    orbit = uniform_orbit(FLIPPER, ROTORS)
-    wall = RigidWall(orbit, orbit.arc_at(4.0, 0))
-    loop = Loop(steering_of(orbit, SteeringSettings(tolerance=1e-3)), wall, PERIOD, noise=0.05)
-    loop.go_on(SEEN)
+    loop, _ = rigid_loop(FLIPPER, 4.0, SteeringSettings(tolerance=1e-3), noise=0.05)
     loop.steering.move(5.0)
     ended = loop.until_ended()
     assert ended.outcome is Outcome.NOT_HELD
