@@ -7,6 +7,7 @@ Here all rotors and springs are alike; those that differ have laws of their own.
 import dataclasses
 import math
 import re
+from functools import partial
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from soliton_linkage.linkage.chain import Chain, Motion, displacement, staggered, wrapped
+from soliton_linkage.linkage.gravity import Gravity
 
 LEANS = (-1, 1)
 
@@ -65,7 +67,7 @@ def test_uniform_states_are_relaxed(chain, lean):
 
 def test_many_frames_at_once_give_the_results_of_single_frames():
     for example in EXAMPLES:
-        chain = chain_of(example, 7)
+        chain, field = chain_of(example, 7), Gravity(9.81, 0.4)
         frames = np.random.default_rng(1).normal(size=(2, 3, 7))
         for law in (
             chain.spring_extensions,
@@ -73,6 +75,8 @@ def test_many_frames_at_once_give_the_results_of_single_frames():
             chain.kinetic_energy,
             chain.spring_torques,
             staggered,
+            partial(field.energy, chain),
+            partial(field.torques, chain),
         ):
             alone = [[law(frame) for frame in row] for row in frames]
             assert np.array_equal(law(frames), np.array(alone))

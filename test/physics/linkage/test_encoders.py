@@ -54,14 +54,6 @@ def test_quantised_readings_are_whole_steps_and_within_half_of_one():
         assert np.abs(reading - ANGLES).max() <= step / 2 * (1 + 1e-9)
 
 
-def test_errors_of_fine_steps_have_the_variance_of_a_twelfth():
-    angles = np.random.default_rng(1).uniform(-9, 9, ROTORS)
-    step = 2 * math.pi / 4096
-    reader = encoders(quantisation=step)
-    errors = np.array([reader.read(k, angles + k)[0] - angles - k for k in range(200)]) / step
-    assert abs(errors.var() - 1 / 12) < 5 * math.sqrt(1 / 180 / errors.size)
-
-
 def test_offsets_are_constant_and_come_before_the_steps():
     offsets = tuple(np.linspace(-1, 1, ROTORS).tolist())
     assert np.array_equal(encoders(offsets=offsets).read(0, ANGLES)[0], ANGLES + offsets)

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from chains import EPS, FLIPPER, chain_of
+from chains import EPS
 from deviating_chains import any_deviating_configuration
 from hypothesis import given
 from hypothesis import strategies as st
@@ -39,14 +39,6 @@ def test_torques_are_levers_crossed_with_weights(configuration, field):
     assert field.torques(chain, angles) == pytest.approx(
         vertical * across - horizontal * up, rel=0, abs=limit
     )
-
-
-def test_many_frames_at_once_give_the_results_of_single_frames():
-    chain, field = chain_of(FLIPPER, 7), Gravity(9.81, 0.4)
-    frames = np.random.default_rng(1).normal(size=(2, 3, 7))
-    for law in (field.energy, field.torques):
-        alone = [[law(chain, frame) for frame in row] for row in frames]
-        assert np.array_equal(law(chain, frames), np.array(alone))
 
 
 def test_values_that_no_field_has_are_rejected():

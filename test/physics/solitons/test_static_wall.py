@@ -168,25 +168,6 @@ def test_the_arc_converges_to_sine_gordon_theory_as_1_over_d_squared():
             assert math.log2(coarse / fine) == pytest.approx(2, abs=0.1)
 
 
-def largest_lean(chain: Chain) -> float:
-    """Largest u for all sites of a wall, in spacings [1]."""
-    middle = chain.number_of_rotors // 2
-    leans = [np.sin(static_wall(chain, middle + k / 16)[1:-1]).max() for k in range(16)]
-    return float(max(leans)) * chain.rotor_length / chain.spacing
-
-
-def of_lean_ratio(lean_ratio: float, rest_angle: float) -> Chain:
-    return chain_of((lean_ratio / 2 / math.sin(rest_angle), rest_angle), 101)
-
-
-def test_a_flipper_does_not_overshoot():
-    for lean_ratio in [0.3, 0.8, 0.99]:
-        for rest_angle in [0.2, 0.77, 1.4]:
-            assert largest_lean(of_lean_ratio(lean_ratio, rest_angle)) <= lean_ratio / 2 * (
-                1 + 1e-14
-            )
-
-
 def shown_leg(chain: Chain, angles: Array, site: float, inverted: bool) -> int:
     """Leg by the edge rotors that have toggled or the side on which a wall's rotors turn over."""
     if chain.motion is not Motion.SPINNER:

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from chains import (
     CLASSES,
-    EPS,
     EXAMPLES,
     FLIPPER,
     SPINNER,
@@ -25,7 +24,8 @@ from hypothesis import strategies as st
 from linkage_motion import wall_between
 
 from soliton_linkage.dynamics.elastic import simulate
-from soliton_linkage.linear.rigidity import mode_towards_last, zero_mode
+from soliton_linkage.linear.rigidity import Edge, mode_towards_last, zero_mode
+from soliton_linkage.linear.statics import toggled_angle
 from soliton_linkage.linkage.chain import Array, Chain, Motion, staggered
 from soliton_linkage.solitons.static_wall import site_arc, static_wall
 from soliton_linkage.solitons.tanh_fit import (
@@ -87,24 +87,6 @@ def walls(example: tuple[float, float], rotors: int = 40) -> list[tuple[Chain, f
             truths = (rotor + 0.5 + np.linspace(0, 1, 9)).tolist()
             result += [(chain, truth, static_wall(chain, truth, leg, turned)) for truth in truths]
     return result
-
-
-@pytest.mark.parametrize('example', EXAMPLES)
-def test_a_symmetric_wall_has_zero_energy_and_is_found_between_two_rotors(example):
-    for crossed in BOTH:
-        for rotors, turned in [(20, False), (21, True)]:
-            chain = chain_of(example, 2 * rotors)
-            for rotor in (rotors - 1, rotors):
-                angles = wall_between(chain, rotor, turned, crossed)
-                # Angles are built from inverse functions, rounded by EPS over their sine.
-                limit = 100 * EPS * chain.rotor_length
-                assert chain.elastic_energy(angles) <= chain.stiffness * rotors * limit**2
-                soliton = only(find_solitons(chain, angles, 0 * angles))
-                assert soliton.charge == 1
-                # The error comes from the ends of the chain; one is a rotor nearer than the other.
-                assert soliton.rotor == pytest.approx(rotor + 0.5, abs=1e-5)
-                assert soliton.position == soliton.rotor * chain.spacing
-                assert soliton.velocity == 0
 
 
 @pytest.mark.parametrize('example', EXAMPLES)
@@ -255,13 +237,8 @@ def test_a_toggled_edge_rotor_does_not_move_the_wall():
         for rotors in [12, 13]:
             chain = chain_of(example, rotors)
             angles = wall_between(chain, 2)
-            # The rotor's mirror image in the line from its pivot to its neighbour's mass.
-            horizontal, vertical = chain.positions(angles)
-            line = math.atan2(chain.spacing + horizontal[1], vertical[1])
             toggled = angles.copy()
-            toggled[0] = 2 * line - angles[0]
-            limit = 100 * EPS * chain.rotor_length
-            assert np.abs(chain.spring_extensions(toggled)).max() <= limit
+            toggled[0] = toggled_angle(chain, angles, Edge.FIRST)
             before, after = (only(find_solitons(chain, frame)) for frame in (angles, toggled))
             assert after.rotor == pytest.approx(before.rotor, abs=1e-12)
 

@@ -17,16 +17,10 @@ import numpy as np
 from scipy.integrate import DOP853, OdeSolver
 from scipy.linalg import eigvals_banded, solveh_banded
 
-from soliton_linkage.compiling import compiled, const_f8_1d
 from soliton_linkage.dynamics.simulation import Simulation, SimulationSettings
-from soliton_linkage.linear.rigidity import VANISHING, rigidity_bands, zero_mode
+from soliton_linkage.linear.rigidity import rigidity_bands, zero_mode
 from soliton_linkage.linear.statics import gram_matrix_bands, unstretched
 from soliton_linkage.linkage.chain import Array, Chain
-
-_FLUSHED = -1100
-"""Smallest binary exponent of a component of the zero mode, if the largest component has the
-exponent 0 [1]. Smaller exponents are replaced by this value. The component is then 0, because the
-smallest positive double is 2^-1074."""
 
 
 @dataclass(frozen=True)
@@ -119,11 +113,10 @@ class RigidSimulation(Simulation):
 
     def _solver_from(self, state: Array) -> tuple[OdeSolver, float]:
         longest_step = self._settings.longest_step * self.period
-        motion, rotors, chain = self.motion, self.chain.number_of_rotors, self.chain
-        parameters = chain.rotor_lengths, chain.spacings, chain.moments_of_inertia
+        motion, rotors = self.motion, self.chain.number_of_rotors
 
         def derivative(time: float, state: Array) -> Array:
-            mode = mode_of_bars(state[:rotors], *parameters)
+            mode = self._mode(state[:rotors])
             rates, torques = state[rotors] * mode, np.zeros(rotors)
             dissipated = motion.add_loads(torques, time, state[:rotors], rates)
             return np.concatenate([rates, [mode @ torques, dissipated]])
@@ -199,33 +192,3 @@ def _centripetal(chain: Chain, angles: Array, rates: Array) -> Array:
     squares = np.diff(vertical * rates) ** 2 + np.diff(horizontal * rates) ** 2
     inward = x * np.diff(horizontal * rates**2) + y * np.diff(vertical * rates**2)
     return np.asarray((inward - squares) / np.hypot(x, y))
-
-
-@compiled(const_f8_1d, const_f8_1d, const_f8_1d, const_f8_1d)
-def mode_of_bars(angles: Array, lengths: Array, spacings: Array, inertias: Array) -> Array:
-    """Return the zero mode with sum_n I_n t_n^2 = 1 [kg^(-1/2) m^(-1)], shape (N,).
-
-    The arguments have the units rad, m, m and kg m^2. Intermediate results do not overflow.
-    """
-    rotors = angles.size
-    mode, exponents = np.empty(rotors), np.empty(rotors, np.int64)
-    mode[0], exponents[0], largest, sign = 1.0, 0, 0, 1.0
-    h_left = lengths[0] * math.sin(angles[0])
-    v_left = lengths[0] * math.cos(angles[0])
-    for n in range(1, rotors):
-        h = lengths[n] * math.sin(angles[n])
-        v = lengths[n] * math.cos(angles[n])
-        across, up = spacings[n - 1] + (h - h_left), v - v_left
-        first, second = h_left * up - v_left * across, v * across - h * up
-        first = VANISHING if abs(first) < VANISHING else first
-        second = VANISHING if abs(second) < VANISHING else second
-        sign = -sign if second < 0 else sign
-        mode[n], shift = math.frexp(-mode[n - 1] * first / second)
-        exponents[n] = exponents[n - 1] + shift
-        largest = max(largest, exponents[n])
-        h_left, v_left = h, v
-    mass = 0.0
-    for n in range(rotors):
-        mode[n] = math.ldexp(mode[n], max(exponents[n] - largest, _FLUSHED))
-        mass += inertias[n] * mode[n] ** 2
-    return mode * (sign / math.sqrt(mass))

@@ -16,7 +16,7 @@ from soliton_linkage.linkage.chain import Array, Chain, Motion, uprightness
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-VANISHING = 1e-280
+_VANISHING = 1e-280
 """Smallest product of a lever and a spring length in the computation of the zero mode [m^2/rad].
 Smaller products are replaced by this value, because they are divisors."""
 _BLOCK = 500
@@ -211,7 +211,7 @@ def _cumulative_product(factors: Array) -> tuple[Array, NDArray[np.int64]]:
 
 
 def _without_zeros(lever: Array) -> Array:
-    return np.where(np.abs(lever) < VANISHING, VANISHING, lever)
+    return np.where(np.abs(lever) < _VANISHING, _VANISHING, lever)
 
 
 def _nearest(mode: Array) -> Edge:
