@@ -40,12 +40,20 @@ def update(
     return scale.update(DotMeasurements(picture / 60, angles, ONES, lengths, ONES, WAYS, repeated))
 
 
-def test_errors_of_resting_and_moving_dots_are_estimated():
+@pytest.mark.parametrize(('moving', 'resting'), [(0.9, 0.5), (2.0, 2.0)])
+def test_errors_of_resting_and_moving_dots_are_estimated(moving, resting):
     random, scale = np.random.default_rng(1), ErrorScale(ROTORS)
     for picture in range(400):
-        lengths = np.where(WAYS, 2.0, 0.5) * random.normal(size=ROTORS)
+        lengths = np.where(WAYS, moving, resting) * random.normal(size=ROTORS)
         factors = update(scale, lengths, picture)
-    np.testing.assert_allclose(factors, np.where(WAYS, 2.0, 0.5), rtol=0.1)
+    np.testing.assert_allclose(factors, np.where(WAYS, moving, resting), rtol=0.1)
+
+
+def test_resting_dots_may_have_the_errors_of_moving_ones_if_these_are_much_larger():
+    random, scale = np.random.default_rng(1), ErrorScale(ROTORS)
+    for picture in range(100):
+        factors = update(scale, np.where(WAYS, 3.0, 0.3) * random.normal(size=ROTORS), picture)
+    np.testing.assert_allclose(factors, 3.0, rtol=0.1)
 
 
 def test_the_constant_error_of_resting_dots_is_the_same_number_of_pixels_for_all_rotors():

@@ -8,6 +8,7 @@ import math
 import time
 from collections.abc import Callable, Iterable, Iterator
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -33,6 +34,8 @@ _SOUND = 1.0
 limit of `_CUT` if a file with sound does not state the duration of the pictures."""
 _SYNC, _PACKET = b'G', 188
 """First byte and length [bytes] of each packet of an MPEG transport stream."""
+_TAIL = 5000
+"""Number of last packets of a transport stream in which a packet of a picture is searched [1]."""
 
 
 class TimedPicture(NamedTuple):
@@ -119,7 +122,8 @@ def read_video(path: Path) -> Video:
     # If the pictures have no stated duration, the duration of the film may be that of the sound.
     slack = _SOUND if math.isnan(own) and container.streams.audio else 0.0
     length_of_pictures = length if math.isnan(own) else own
-    film = _checked(path, pictures(), length_of_pictures, slack, lambda: incomplete)
+    end = partial(_missing_end, path, stream.id)
+    film = _checked(path, pictures(), length_of_pictures, slack, lambda: end(incomplete))
     try:
         start = datetime.datetime.fromisoformat(created).timestamp()
     except ValueError:
@@ -191,28 +195,45 @@ def _checked(
     pictures: Iterator[TimedPicture],
     length: float,
     slack: float,
-    incomplete: Callable[[], bool],
+    missing_end: Callable[[], str],
 ) -> Iterator[TimedPicture]:
     """Yield the pictures of a video file; raise ValueError if it is incomplete.
 
-    `length` is the stated duration [s], and `slack` [s] is added to the limit of `_CUT`.
-    `incomplete` returns whether a part of the last picture is missing.
+    `length` is the stated duration [s], and `slack` [s] is added to the limit of `_CUT`. For
+    `missing_end`, see `_missing_end`.
     """
     last, interval = 0.0, 0.0
     for taken in pictures:
         last, interval = taken.time, max(interval, taken.time - last)
         yield taken
-    missing = length - last
-    if missing > _CUT * interval + slack:
-        raise ValueError(
-            f'film {str(path)!r} ends after {last:.2f} s of {length:.2f} s; copy it again'
-        )
+    stated = f' of {length:.2f} s' if length - last > _CUT * interval + slack else ''
+    if stated or (stated := missing_end()):
+        raise ValueError(f'film {str(path)!r} ends after {last:.2f} s{stated}; copy it again')
+
+
+def _missing_end(path: Path, identifier: int, incomplete: bool) -> str:
+    """Return a description of the missing end of a video file; '' if nothing is missing.
+
+    `identifier` is the number of the pictures in a transport stream, and `incomplete` is whether
+    the last picture is known to be incomplete.
+    """
     size = path.stat().st_size
     with path.open('rb') as file:
         head = file.read(_PACKET + 1)
-    # An AVI file states its size. A transport stream consists of packets of equal size.
-    cut = head[:4] == b'RIFF' and int.from_bytes(head[4:8], 'little') + 8 > size
-    within_packet = head[:1] == head[_PACKET:] == _SYNC and size % _PACKET
-    if cut or within_packet or incomplete():
-        part = 'before its stated end' if cut else 'within a picture'
-        raise ValueError(f'film {str(path)!r} ends after {last:.2f} s, {part}; copy it again')
+        file.seek(max(size // _PACKET - _TAIL, 0) * _PACKET)
+        tail = file.read()
+    # An AVI file states its size.
+    if head[:4] == b'RIFF' and int.from_bytes(head[4:8], 'little') + 8 > size:
+        return ', before its stated end'
+    if incomplete:
+        return ', within a picture'
+    if head[:1] == head[_PACKET:] == _SYNC:
+        if size % _PACKET:
+            return ', within a picture'
+        # The last packet of a picture has an adaptation field (0x20), because stuffing bytes fill
+        # the packet. Only one picture in 184 has a suitable length without stuffing.
+        for start in range(len(tail) - _PACKET, -1, -_PACKET):
+            number, flags = int.from_bytes(tail[start + 1 : start + 3]) & 0x1FFF, tail[start + 3]
+            if number == identifier:
+                return '' if flags & 0x20 else ', within a picture if the original is larger'
+    return ''
