@@ -75,18 +75,15 @@ _MIN_SMEAR = 0.3
 @compiled(const_u1_2d, f8_1d, f8_1d)
 def begin_loop(grey: NDArray[np.uint8], dot: Array, state: Array) -> None:
     """Set the initial parameters `state` from the lightest and darkest pixels near the dot."""
-    start, reach = dot, dot[3]
+    x0, y0, radius, reach = dot[:4]
     height, width = grey.shape
     low, high = 255.0, 0.0
-    for row in range(max(int(start[1] - reach), 0), min(int(start[1] + reach) + 2, height)):
-        for column in range(max(int(start[0] - reach), 0), min(int(start[0] + reach) + 2, width)):
+    for row in range(max(int(y0 - reach), 0), min(int(y0 + reach) + 2, height)):
+        for column in range(max(int(x0 - reach), 0), min(int(x0 + reach) + 2, width)):
             value = float(grey[row, column])
-            if (column - start[0]) ** 2 + (row - start[1]) ** 2 <= reach * reach:
+            if (column - x0) ** 2 + (row - y0) ** 2 <= reach * reach:
                 low, high = min(low, value), max(high, value)
-    state[0], state[1] = high, max(high - low, 1.0)
-    state[2] = state[3] = 0.0
-    state[4], state[5] = start[0], start[1]
-    state[6], state[7] = dot[2], _BLUR
+    state[:] = (high, max(high - low, 1.0), 0.0, 0.0, x0, y0, radius, _BLUR)
 
 
 @inlined
@@ -121,6 +118,27 @@ def cover_of_dot(
     return cover / offsets, by_x, by_y, by_radius, by_blur
 
 
+@inlined
+def model_of_pixel(
+    x: float, y: float, offsets: int, dot: Array, state: Array, derivatives: Array
+) -> float:
+    """Return the grey level of the model, and store its derivatives by the parameters.
+
+    For x, y and `offsets`, see `cover_of_dot`.
+    """
+    white, contrast, by_column, by_row, _, _, radius, blur = state
+    cover, by_x, by_y, by_radius, by_blur = cover_of_dot(x, y, offsets, dot, radius, blur)
+    lit = 1.0 + by_column * x + by_row * y
+    bare = white - contrast * cover
+    derivatives[0], derivatives[1] = lit, -cover * lit
+    derivatives[2], derivatives[3] = bare * x, bare * y
+    derivatives[4] = -contrast * by_x * lit - bare * by_column
+    derivatives[5] = -contrast * by_y * lit - bare * by_row
+    derivatives[6] = -contrast * by_radius * lit
+    derivatives[7] = -contrast * by_blur * lit
+    return bare * lit
+
+
 @compiled(const_u1_2d, f8_1d, f8_1d, f8_2d, f8_1d, f8_3d, f8_2d, b1)
 def normal_loop(
     grey: NDArray[np.uint8],
@@ -141,8 +159,7 @@ def normal_loop(
     residuals in each ring.
     """
     height, width = grey.shape
-    white, contrast, by_column, by_row, x0, y0, radius, blur = state
-    reach = dot[3]
+    x0, y0, radius, reach = state[4], state[5], state[6], dot[3]
     sxx, sxy, syx, syy, smear_x, smear_y = dot[4:]
     offsets = _OFFSETS if math.hypot(smear_x, smear_y) > _MIN_SMEAR else 1
     derivatives = np.empty(_PARAMETERS)
@@ -162,16 +179,8 @@ def normal_loop(
             weight = min(max(reach - away + 0.5, 0.0), 1.0)
             if weight == 0.0:
                 continue
-            cover, by_x, by_y, by_radius, by_blur = cover_of_dot(x, y, offsets, dot, radius, blur)
-            lit = 1.0 + by_column * x + by_row * y
-            bare = white - contrast * cover
-            derivatives[0], derivatives[1] = lit, -cover * lit
-            derivatives[2], derivatives[3] = bare * x, bare * y
-            derivatives[4] = -contrast * by_x * lit - bare * by_column
-            derivatives[5] = -contrast * by_y * lit - bare * by_row
-            derivatives[6] = -contrast * by_radius * lit
-            derivatives[7] = -contrast * by_blur * lit
-            left = float(grey[row, column]) - bare * lit
+            modelled = model_of_pixel(x, y, offsets, dot, state, derivatives)
+            left = float(grey[row, column]) - modelled
             squares += weight * left * left
             count += weight
             ring = min(max(int((away - radius) / _RING_WIDTH + _RINGS / 2), 0), _RINGS - 1)
@@ -248,14 +257,11 @@ def fit_loop(grey: NDArray[np.uint8], dots: Array, found: Array) -> None:
             solve_loop(normal, right)
             length = math.hypot(right[4], right[5])
             share = min(1.0, _MAX_STEP / max(length, 1e-12))
-            for i in range(4):
-                state[i] += right[i]
+            for i in range(_PARAMETERS):
+                state[i] += right[i] if i < 4 else share * right[i]
             state[1] = max(state[1], 1.0)
-            state[4] += share * right[4]
-            state[5] += share * right[5]
-            state[6] += share * right[6]
             state[6] = min(max(state[6], _RADII[0] * dot[2]), _RADII[1] * dot[2])
-            state[7] = min(max(state[7] + share * right[7], _BLURS[0]), _BLURS[1])
+            state[7] = min(max(state[7], _BLURS[0]), _BLURS[1])
             if length < _TOLERANCE or not math.isfinite(length):
                 break
         squares, count = normal_loop(grey, state, dot, normal, right, squared, rings, True)

@@ -57,12 +57,12 @@ class ChainPlane:
         solved = np.stack([e * d - b * f, a * f - e * c], axis=-1)
         return np.asarray(solved / (a * d - b * c)[..., None])
 
-    def pixels_per_metre(self, points: Array, heights: ArrayLike = 0.0) -> Array:
+    def pixels_per_metre(self, points: Array) -> Array:
         """Return the scale of the picture at each point [pixels/m], a mean over all directions."""
         unit = float(np.sqrt(np.linalg.norm(np.cross(*self.columns[:, :2].T))))
         step = 1e-4 * abs(self.columns[2, 2]) / unit
         ends = np.stack([points + side * axis for axis in step * np.eye(2) for side in (1, -1)])
-        right, left, top, bottom = self.pixels(ends, heights)
+        right, left, top, bottom = self.pixels(ends)
         across, up = right - left, top - bottom
         area = np.abs(across[..., 0] * up[..., 1] - across[..., 1] * up[..., 0])
         return np.asarray(np.sqrt(area) / (2 * step))
@@ -94,16 +94,11 @@ class ChainPlane:
 
 
 def fit_plane(camera: Camera, points: Array, pixels: Array) -> tuple[ChainPlane, float]:
-    """Return a plane that maps points [m] to `pixels`, (K, 2) each, and the residual [pixels].
+    """Return a plane that maps K points [m] to `pixels`, (K, 2) each, and the residual [pixels].
 
-    The residual is the root mean square error of a coordinate. Raises ValueError if no plane can
-    be fitted.
+    K is at least `MIN_POINTS`. The residual is the root mean square error of a coordinate. Raises
+    ValueError if all points lie on one line.
     """
-    if len(points) < MIN_POINTS:
-        raise ValueError(
-            f'{len(points)} dots of frame markers are visible, and {MIN_POINTS} are needed to '
-            'define the plane; show two markers or more'
-        )
     # OpenCV needs coordinates of the order of 1.
     scale = float(np.ptp(points, axis=0).max()) or 1.0
     found, _ = opencv().findHomography(points / scale, camera.rays(pixels), 0)

@@ -56,10 +56,6 @@ _OVERLAY_QUALITY = 23
 """Constant rate factor of the H.264 encoder [1], the default of x264."""
 
 
-_CHAIN, _ANGLES = interfaces.CHAIN, interfaces.JOINT_STATES
-_DEVIATIONS = interfaces.JOINT_STATE_DEVIATIONS
-
-
 class FilmSummary(NamedTuple):
     """Summary of the angles measured in a film."""
 
@@ -91,17 +87,11 @@ def film_to_bag(
     moment. Raises ValueError if no angles were measured.
     """
     bag = BagWriter(output)
-    topics = {
-        each.name: bag.add_topic(f'/{each.name}', type_name(each.type), each.qos)
-        for each in (_CHAIN, _DEVIATIONS, _ANGLES)
-    }
-    seen: list[tuple[float, float]] = []
+    shares: list[float] = []
+    medians: list[float] = []
     last, ended_by = 'the film has no pictures', ''
     failure: ValueError | None = None
     progress = ProgressLine('measuring', video.frames)
-
-    def put(topic: interfaces.Topic, stamp: int, message: Any) -> None:
-        bag.write(topics[topic.name], stamp, serialize(message))
 
     def measured() -> Iterator[tuple[TimedPicture, CameraReading]]:
         nonlocal last, ended_by, failure
@@ -115,12 +105,14 @@ def film_to_bag(
                 last = describe_reading(measurement, shown)
                 progress.show(count, f'{count} pictures, {last}')
                 if shown.frame.seen:
-                    if not seen:
-                        put(_CHAIN, shown.stamp, chain_to_msg(named, time_to_msg(shown.stamp)))
-                    put(_DEVIATIONS, shown.stamp, deviations_to_msg(named, shown))
-                    put(_ANGLES, shown.stamp, angles_to_msg(named, shown))
-                    share = shown.frame.seen / named.rotors
-                    seen.append((share, median_deviation(shown.frame)))
+                    if not shares:
+                        chain = chain_to_msg(named, time_to_msg(shown.stamp))
+                        _put(bag, interfaces.CHAIN, shown.stamp, chain)
+                    deviations = deviations_to_msg(named, shown)
+                    _put(bag, interfaces.JOINT_STATE_DEVIATIONS, shown.stamp, deviations)
+                    _put(bag, interfaces.JOINT_STATES, shown.stamp, angles_to_msg(named, shown))
+                    shares.append(shown.frame.seen / named.rotors)
+                    medians.append(median_deviation(shown.frame))
                 yield taken, shown
         except ValueError as error:
             failure, ended_by = error, str(error)
@@ -135,10 +127,15 @@ def film_to_bag(
         progress.clear()
         bag.close({'ended_by': ended_by} if ended_by else {})
         bag.remove_if_empty()
-    if not seen:
+    if not shares:
         raise failure or ValueError(f'no angle was measured: {last}')
-    share, deviation = np.mean([each for each, _ in seen]), np.median([each for _, each in seen])
-    return FilmSummary(bag.path, len(seen), float(share), float(deviation), last, ended_by)
+    share, deviation = float(np.mean(shares)), float(np.median(medians))
+    return FilmSummary(bag.path, len(shares), share, deviation, last, ended_by)
+
+
+def _put(bag: BagWriter, topic: interfaces.Topic, stamp: int, message: Any) -> None:
+    stored = bag.add_topic(f'/{topic.name}', type_name(topic.type), topic.qos)
+    bag.write(stored, stamp, serialize(message))
 
 
 def _drawn(
