@@ -136,7 +136,7 @@ def model_of_pixel(
     derivatives[5] = -contrast * by_y * lit - bare * by_row
     derivatives[6] = -contrast * by_radius * lit
     derivatives[7] = -contrast * by_blur * lit
-    return bare * lit
+    return float(bare * lit)
 
 
 @compiled(const_u1_2d, f8_1d, f8_1d, f8_2d, f8_1d, f8_3d, f8_2d, b1)
