@@ -2,11 +2,20 @@
 """Walls under torques that are held from frame to frame, with rigid bars and with springs."""
 
 import numpy as np
+from orbits import uniform_orbit
 
 from soliton_linkage.dynamics.elastic import ElasticSimulation
 from soliton_linkage.linkage.chain import Array
+from soliton_linkage.orbit.orbit import Orbit
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
-from soliton_linkage.steering.steering import MoveResult, Steering
+from soliton_linkage.steering.settings import DEFAULTS, SteeringSettings
+from soliton_linkage.steering.steering import MoveResult, Outcome, Steering
+from soliton_linkage.steering.torque_allocation import TorqueAllocation
+
+ROTORS = 10
+PERIOD = 0.01
+SEEN = 0.2
+"""Time for which a loop observes a wall before its first move [s]."""
 
 
 class RigidWall:
@@ -98,3 +107,29 @@ class Loop:
             assert self.time < limit
             self.step()
         return self.ended
+
+
+def steering_of(orbit: Orbit, settings: SteeringSettings = DEFAULTS) -> Steering:
+    return Steering(orbit, TorqueAllocation(orbit, torque_limit=0.1), settings)
+
+
+def rigid_loop(
+    example: tuple[float, float],
+    place: float,
+    settings: SteeringSettings = DEFAULTS,
+    disturbance: float = 0.0,
+    period: float = PERIOD,
+    **options: float,
+) -> tuple[Loop, RigidWall]:
+    """Return a loop that has observed a rigid-bar wall for a while, and the wall."""
+    orbit = uniform_orbit(example, ROTORS)
+    wall = RigidWall(orbit, orbit.arc_at(place, 0), disturbance=disturbance)
+    loop = Loop(steering_of(orbit, settings), wall, period, **options)
+    loop.go_on(SEEN)
+    return loop, wall
+
+
+def move_to(loop: Loop, goal: float) -> None:
+    """Move the wall to a goal, which it must reach."""
+    assert loop.steering.move(goal) is None
+    assert loop.until_ended().outcome is Outcome.REACHED

@@ -34,7 +34,7 @@ from soliton_linkage.linear.rigidity import (
     rigidity_matrix,
     zero_mode,
 )
-from soliton_linkage.linkage.chain import Array, Chain
+from soliton_linkage.linkage.chain import Chain
 
 LEANS = st.sampled_from([-1, 1])
 NEAR_AN_EDGE = st.builds(
@@ -61,12 +61,6 @@ def rounding_of_frequencies(chain: Chain) -> float:
     """
     of_levers = 2 * rounding_of_levers(chain) / (chain.rotor_length * chain.time_unit)
     return of_levers + 32 * EPS * scale(chain)
-
-
-def frequencies(chain: Chain, matrix: Array) -> Array:
-    """Angular frequencies of k_e / (M r^2) R^T R [rad/s], from the singular values of R."""
-    singular = np.linalg.svd(matrix, compute_uv=False)
-    return np.sort(singular) / (chain.rotor_length * chain.time_unit)
 
 
 @given(any_chain(), LEANS)

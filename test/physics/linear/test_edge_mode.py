@@ -41,20 +41,6 @@ def test_a_push_or_a_pull_at_an_edge_sends_the_wall_across_the_chain(example):
             assert from_edge.max() > from_edge[0] + 1
 
 
-def test_a_push_at_either_edge_points_away_from_it():
-    for example in EXAMPLES:
-        chain = chain_of(example, 20)
-        near_first, near_last = wall_between(chain, 3), wall_between(chain, 15)
-        for angles, edge, sense in (
-            (near_first, Edge.FIRST, 1),
-            (near_first, Edge.NEAREST, 1),
-            (near_last, Edge.LAST, -1),
-            (near_last, Edge.NEAREST, -1),
-        ):
-            towards_last = mode_towards_last(chain, angles)
-            assert np.array_equal(edge_mode(chain, angles, edge), sense * towards_last)
-
-
 def test_an_edge_that_the_mode_is_far_from_is_rejected_unless_it_may_be_anywhere():
     chain = chain_of(FLIPPER, 20)
     angles = wall_between(chain, 3)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from chains import EXAMPLES, FLIPPER, chain_of
 from deviating_chains import deviating
+from scipy.spatial.transform import Rotation
 from urdf_parser_py.urdf import URDF
 
 from soliton_linkage.linkage.chain import Array, Chain
@@ -25,13 +26,6 @@ def angles_of(chain: Chain) -> Array:
     return np.random.default_rng(19).uniform(-20, 20, chain.number_of_rotors)
 
 
-def turn(axis: Array, angle: float) -> Array:
-    """Rotation about a unit vector by the formula of Rodrigues, shape (3, 3)."""
-    x, y, z = axis
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-
-
 def places(robot: URDF, angles: dict[str, float]) -> dict[str, Array]:
     """Place of the centre of mass of each link but the base, by the name of its joint [m]."""
     found = {}
@@ -39,8 +33,8 @@ def places(robot: URDF, angles: dict[str, float]) -> dict[str, Array]:
         assert (joint.parent, joint.type) == (BASE, 'continuous')
         assert joint.origin.rpy == [0, 0, 0]
         centre = np.array(robot.link_map[joint.child].inertial.origin.xyz)
-        rotation = turn(np.array(joint.axis), angles[joint.name])
-        found[joint.name] = np.array(joint.origin.xyz) + rotation @ centre
+        rotation = Rotation.from_rotvec(angles[joint.name] * np.array(joint.axis))
+        found[joint.name] = np.array(joint.origin.xyz) + rotation.apply(centre)
     return found
 
 

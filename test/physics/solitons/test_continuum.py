@@ -142,16 +142,6 @@ def test_energies_at_any_speed_agree_with_thirty_digits(theory, exponent, charge
 
 
 @given(any_theory())
-def test_mass_energy_scale_and_limiting_speed_are_consistent(theory):
-    assert theory.energy_scale == pytest.approx(
-        theory.effective_mass * theory.limiting_speed_of_sound**2, rel=32 * EPS
-    )
-    assert theory.effective_mass == pytest.approx(
-        theory.chain.mass * theory.arc_per_site**2, rel=8 * EPS
-    )
-
-
-@given(any_theory())
 def test_the_exact_speed_of_sound_is_that_of_the_chain(theory):
     chain = theory.chain
     d = chain.lean_ratio

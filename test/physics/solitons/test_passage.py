@@ -100,12 +100,6 @@ def test_bonds_without_deviations_have_the_class_of_their_chain(chain):
     assume(min(abs(reach), abs(reach - chain.spacing)) > rounding)
     assert find_obstacles(chain) == ()
     assert motion_of_bonds(chain) is chain.motion
-    lean = chain.lean_ratio
-    squares = 4 * chain.rotor_length**2 - chain.rest_length**2
-    size = 4 * chain.rotor_length**2 + chain.rest_length**2
-    assert squares == pytest.approx(
-        chain.spacing**2 * (lean**2 - 1), rel=0, abs=16 * EPS * (size + chain.spacing**2)
-    )
 
 
 @pytest.mark.parametrize(

@@ -3,31 +3,21 @@
 
 from dataclasses import fields, replace
 
-import numpy as np
 import pytest
 from chains import FLIPPER
-from driven_walls import Loop, RigidWall
+from driven_walls import PERIOD, ROTORS, move_to, rigid_loop
 from orbits import uniform_orbit
 
 from soliton_linkage.linkage.quantities import described_fields
 from soliton_linkage.steering.reference_trajectory import adiabatic_rate, bandwidth
 from soliton_linkage.steering.settings import DEFAULTS, SteeringSettings
-from soliton_linkage.steering.steering import Outcome, Steering
-from soliton_linkage.steering.torque_allocation import TorqueAllocation
-
-ROTORS = 10
-PERIOD = 0.01
 
 
-def moved(settings: SteeringSettings) -> Loop:
-    """Return a loop after a move of a rigid-bar wall by one spacing."""
-    orbit = uniform_orbit(FLIPPER, ROTORS)
-    steering = Steering(orbit, TorqueAllocation(orbit, torque_limit=0.1), settings)
-    loop = Loop(steering, RigidWall(orbit, orbit.arc_at(4.0, 0)), PERIOD)
-    loop.go_on(0.2)
-    assert steering.move(5.0) is None
-    assert loop.until_ended().outcome is Outcome.REACHED
-    return loop
+def time_of_move(settings: SteeringSettings) -> float:
+    """Return the time at which a move by one spacing has ended [s]."""
+    loop, _ = rigid_loop(FLIPPER, 4.0, settings)
+    move_to(loop, 5.0)
+    return loop.time
 
 
 def test_each_setting_has_a_description_and_its_default_is_in_range():
@@ -50,28 +40,8 @@ def test_rates_and_bandwidths_scale_with_their_fractions():
 
 def test_the_settings_of_durations_change_the_time_of_a_move():
     b = bandwidth(uniform_orbit(FLIPPER, ROTORS), PERIOD)
-    usual = moved(DEFAULTS).time
-    longer = moved(replace(DEFAULTS, min_duration=20.0)).time
+    usual = time_of_move(DEFAULTS)
+    longer = time_of_move(replace(DEFAULTS, min_duration=20.0))
     assert longer - usual == pytest.approx(10 / b, abs=3 * PERIOD)
-    restful = moved(replace(DEFAULTS, settling_time=6.0)).time
+    restful = time_of_move(replace(DEFAULTS, settling_time=6.0))
     assert restful - usual == pytest.approx(3 / b, abs=3 * PERIOD)
-
-
-def test_a_wall_is_lost_beyond_max_error():
-    # An impulse that displaces the wall by half a spacing.
-    for largest, held in ((1.0, True), (0.25, False)):
-        loop = moved(replace(DEFAULTS, max_error=largest, max_restarts=0))
-        assert isinstance(loop.wall, RigidWall)
-        loop.wall.rate = 6.0
-        loop.go_on(2.0)
-        assert loop.steering.holding is held
-
-
-def test_frames_may_be_missing_for_the_detection_timeout():
-    for timeout, held in ((0.1, False), (0.4, True)):
-        loop = moved(replace(DEFAULTS, detection_timeout=timeout))
-        for _ in range(25):
-            loop.steering.observe(loop.time, np.full(ROTORS, np.nan))
-            loop.steering.torques()
-            loop.frames += 1
-        assert loop.steering.holding is held
