@@ -44,24 +44,29 @@ def kicked(
     nominal: Chain = LONG,
     speed: float = 10.0,
     period: float = PERIOD,
+    spans: tuple[float, float] = (BEFORE, AFTER),
+    noise: float = 0.01,
 ) -> tuple[Chain, Readings]:
-    """Chain and its readings; successive kicks change the speed by the factors 1 + `sizes`."""
+    """Chain and its readings; successive kicks change the speed by the factors 1 + `sizes`.
+
+    `spans` are the times before the first and after the last kick [s].
+    """
     chain = unequal(nominal, seed)
     drawn = drawn_deviations(chain.number_of_rotors, seed, mass=0.05, stiffness=0.05)
     chain = replace(chain, deviations=chain.deviations.joined(drawn))
     start = leaning(chain, -1).angles
-    motion = simulate(chain, start, speed * edge_mode(chain, start, Edge.FIRST), BEFORE, period)
+    motion = simulate(chain, start, speed * edge_mode(chain, start, Edge.FIRST), spans[0], period)
     parts = [motion.angles]
     for number, size in enumerate(sizes, 1):
         angles, rates = motion.angles[-1], motion.rates[-1]
         mode = zero_mode(chain, angles)
         momenta = chain.moments_of_inertia * mode
         change = size * (momenta @ rates) / (momenta @ mode) * mode
-        duration = AFTER if number == len(sizes) else PULL / (len(sizes) - 1)
+        duration = spans[1] if number == len(sizes) else PULL / (len(sizes) - 1)
         motion = simulate(chain, angles, rates + change, duration, period)
         parts.append(motion.angles[1:])
     whole = np.concatenate(parts)
-    return chain, Readings(period * np.arange(len(whole)), read(whole, seed)[0])
+    return chain, Readings(period * np.arange(len(whole)), read(whole, seed, noise)[0])
 
 
 @pytest.mark.parametrize(('seed', 'size'), [(2, -0.1), (7, 0.25)])
@@ -79,6 +84,26 @@ def test_a_kick_is_named_and_errors_agree_with_the_stated_deviations(seed, size)
         assert np.sqrt(np.mean(errors**2)) < 2.0, name
 
 
+@pytest.mark.parametrize(
+    ('nominal', 'seed', 'speed', 'half'),
+    [
+        # The wall strains bonds at the last edge, so that a fit without the kick is far off.
+        (LONG, 6, 10.0, 0.81),
+        # The wall is at rotor 6 when the kick acts, as if its encoder were nonlinear.
+        (replace(WOBBLER, number_of_rotors=12), 2, 4.0, 2.34),
+    ],
+)
+def test_a_kick_is_more_likely_than_an_encoder_error_that_imitates_it(nominal, seed, speed, half):
+    known = {'nominal': nominal, 'speed': speed, 'period': 0.01, 'noise': 0.003}
+    chain, readings = kicked(seed, 0.1, spans=(half, half), **known)
+    found = identify(readings, Chain())
+    named = found.warnings[0].partition('a kick that was not recorded acts near ')[2]
+    assert float(named.partition(' s;')[0]) == pytest.approx(half, abs=NEAR)
+    scale = chain.spacings.mean() / found.chain.spacings.mean()
+    errors = np.log(scale * found.chain.rotor_lengths / chain.rotor_lengths)
+    assert np.sqrt(np.mean((errors / found.deviations['rotor_length']) ** 2)) < 2.0
+
+
 def test_a_pull_that_unequal_masses_imitate_is_named_as_a_kick():
     chain, readings = kicked(2, *[0.06] * 4, nominal=WOBBLING, speed=4.0, period=1 / 60)
     found = identify(readings, Chain())
@@ -94,10 +119,10 @@ def test_a_pull_that_unequal_masses_imitate_is_named_as_a_kick():
 )
 def test_springs_with_a_kick_must_fit_better_than_bars(seed, size, bar_noise, accepted):
     readings = kicked(seed, size)[1]
-    fit: Any = SimpleNamespace(noise=0.01, residuals=np.zeros(readings.angles.shape))
+    fit: Any = SimpleNamespace(noise=0.01, residuals=np.zeros(readings.angles.shape), windows=())
     fitter: Any = SimpleNamespace(gains_by_kicks=lambda kicks: [0.0] * len(kicks))
 
-    def fit_springs(part: Readings) -> Any:
+    def fit_springs(part: Readings, windows: Any) -> Any:
         return (fitter, fit) if part.impulses else 'springs do not fit'
 
     fitted, kicks = fit_around_kicks(readings, fit_springs, 0.01, bar_noise)

@@ -46,7 +46,7 @@ from soliton_linkage.identification.screening import (
     without_outliers,
 )
 from soliton_linkage.identification.stages import Stages
-from soliton_linkage.identification.windows import ARRIVAL, initial_windows
+from soliton_linkage.identification.windows import ARRIVAL, FreeWindow, initial_windows
 from soliton_linkage.linkage.chain import Array, Chain
 
 _NOT_CLOSED = (
@@ -168,12 +168,10 @@ def _by_model(
         if clear and not explained:
             raise ValueError(clear.text)
 
-    def fit_springs(part: Readings) -> tuple[MotionFitter, MotionFit] | str:
-        fitted = _fit_springs(part, *inputs)
-        # In the fit of bars, springs strained by a kick look like an error of an encoder.
-        if part is not some:
-            check_clear(fitted)
-        return fitted
+    def fit_springs(
+        part: Readings, windows: Sequence[FreeWindow]
+    ) -> tuple[MotionFitter, MotionFit] | str:
+        return _fit_springs(part, windows, *inputs)
 
     fitted, kicks = fit_around_kicks(some, fit_springs, noise, max(found.noise, LEAST_NOISE))
     check_clear(fitted)
@@ -269,6 +267,7 @@ def _scaled(given: Chain, readings: Readings, gravity: float) -> Chain:
 
 def _fit_springs(
     some: Readings,
+    begun: Sequence[FreeWindow],
     residuals: Array,
     found: Adjustment,
     given: Chain,
@@ -279,7 +278,8 @@ def _fit_springs(
 ) -> tuple[MotionFitter, MotionFit] | str:
     """Return a fit of springs, or the reason if it fails, or '' if rigid bars fit equally well.
 
-    `residuals` [rad] are the residuals of the fit `found` in the frames of `some`.
+    The fit begins from the windows `begun`. If there are none, it begins from short windows of the
+    fit `found` of bars, whose residuals [rad] in the frames of `some` are `residuals`.
     """
     rotors = found.lengths.rotors
     angles = some.filled - found.lengths.offsets - residuals
@@ -294,13 +294,13 @@ def _fit_springs(
         zeros,
         gravity=some.gravity.acceleration / given.spacing,
     )
-    windows = initial_windows(some.times, angles, start, some.interruptions, some.tilt_at)
+    windows = begun or initial_windows(some.times, angles, start, some.interruptions, some.tilt_at)
     if not windows:
         return 'no 30 successive frames of free motion lie between impulses and gaps'
     inputs = some.times, some.unwrapped, some.relative_deviations, noise
     try:
         fitter = MotionFitter(windows, *inputs, tolerance, spacing_known, stages)
-        fitted = fitter.fit(found.noise)
+        fitted = fitter.fit(found.noise, bool(begun))
     except np.linalg.LinAlgError:
         return 'the fit of springs did not converge'
     return (fitter, fitted) if fitted else ''

@@ -11,10 +11,15 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import uniform_filter1d
 
-from soliton_linkage.identification.encoder_errors import encoder_fault
-from soliton_linkage.identification.motion_fit import MotionFit, MotionFitter
+from soliton_linkage.identification.encoder_errors import EncoderFault, encoder_fault
+from soliton_linkage.identification.motion_fit import UNEXPLAINED, MotionFit, MotionFitter
 from soliton_linkage.identification.readings import Readings, RecordedImpulse
-from soliton_linkage.identification.windows import ARRIVAL
+from soliton_linkage.identification.windows import (
+    ARRIVAL,
+    FEWEST_FRAMES,
+    FreeWindow,
+    windows_around,
+)
 from soliton_linkage.linkage.chain import Array
 
 _MOST_KICKS = 3
@@ -48,36 +53,70 @@ _AT_REST = 1e-3
 """The direction of motion is the vector of the rates divided by its norm. Because the norm
 vanishes at rest, the divisor is at least this times the root mean square speed [1]."""
 
+_TRIED = 3
+"""If no fit explains the readings yet, this number of possible kicks is tried [1]. The fit may be
+a local minimum, so that a later frame than that of the kick seems the most probable."""
+
 _Fitted = tuple[MotionFitter, MotionFit] | str
+_Windows = Sequence[FreeWindow]
 
 
 def fit_around_kicks(
-    some: Readings, fit: Callable[[Readings], _Fitted], noise: float, bar_noise: float
+    some: Readings, fit: Callable[[Readings, _Windows], _Fitted], noise: float, bar_noise: float
 ) -> tuple[_Fitted, list[float]]:
     """Find unrecorded kicks; return a fit without the frames near them, and their times [s].
 
-    The function `fit` fits springs to readings, and returns a text if springs do not fit. `noise`
-    is the reading noise, and `bar_noise` is the residual noise of a fit of rigid bars [rad].
+    The function `fit` fits springs to readings, and returns a text if springs do not fit. Its
+    second argument contains windows from which the fit begins, or is empty. `noise` is the reading
+    noise, and `bar_noise` is the residual noise of a fit of rigid bars [rad].
     """
     kicks: list[float] = []
-    fitted = fit(some)
+    fitted = fit(some, ())
     while len(kicks) < _MOST_KICKS:
-        time = _possible_kick(_without(some, kicks), fitted, noise)
-        if time is None:
-            break
-        better = fit(_without(some, [*kicks, time]))
-        if isinstance(better, str):
-            break
-        if isinstance(fitted, str) and bar_noise < _SUSPICIOUS * better[1].noise:
+        explained = _explains(fitted, noise)
+        times, doubtful = _possible_kicks(_without(some, kicks), fitted, noise)
+        for time in times[: 1 if explained else _TRIED]:
+            part = _without(some, [*kicks, time])
+            better = fit(part, _windows_without(some, fitted, time) if explained else ())
+            if _is_better(better, fitted, noise, bar_noise) and not (
+                doubtful and _encoder_fault(part, better)
+            ):
+                break
+        else:
             break
         if kicks:
             # The earlier kicks may only have imitated this one.
             part = _without(some, [time])
-            alone = fit(part)
-            if not isinstance(alone, str) and _possible_kick(part, alone, noise) is None:
+            alone = fit(part, ())
+            if _explains(alone, noise) and not _possible_kicks(part, alone, noise)[0]:
                 return alone, [time]
         fitted, kicks = better, [*kicks, time]
     return fitted, kicks
+
+
+def _explains(fitted: _Fitted, noise: float) -> bool:
+    return not isinstance(fitted, str) and fitted[1].noise < UNEXPLAINED * noise
+
+
+def _is_better(fitted: _Fitted, before: _Fitted, noise: float, bar_noise: float) -> bool:
+    if isinstance(fitted, str):
+        return False
+    if isinstance(before, str):
+        return bar_noise > _SUSPICIOUS * fitted[1].noise
+    return _explains(before, noise) or _explains(fitted, noise)
+
+
+def _encoder_fault(some: Readings, fitted: _Fitted) -> EncoderFault | None:
+    return (
+        None if isinstance(fitted, str) else encoder_fault(some.joints, *fitted[0].error_scores())
+    )
+
+
+def _windows_without(some: Readings, fitted: _Fitted, time: float) -> _Windows:
+    if isinstance(fitted, str):
+        return ()
+    ends = np.searchsorted(some.times, [time - _BEFORE_KICK, time + ARRIVAL]).tolist()
+    return windows_around(fitted[1].windows, some.times, ends[0], ends[1], FEWEST_FRAMES)
 
 
 def _without(some: Readings, kicks: Sequence[float]) -> Readings:
@@ -91,24 +130,24 @@ def _without(some: Readings, kicks: Sequence[float]) -> Readings:
     return replace(some, impulses=[*some.impulses, *around])
 
 
-def _possible_kick(some: Readings, fitted: _Fitted, noise: float) -> float | None:
+def _possible_kicks(some: Readings, fitted: _Fitted, noise: float) -> tuple[list[float], bool]:
+    """Return the times of possible kicks [s], and whether an encoder error is more probable."""
     steps = list(largest_steps(some, noise))
     if isinstance(fitted, str):
         time, size = steps[0]
-        return time if abs(size) > _SMALLEST_STEP else None
+        return [time] if abs(size) > _SMALLEST_STEP else [], False
     fitter, fit = fitted
     times = np.array([*(time for time, _ in steps), some.times[_worst_frame(fit)]])
     frames = np.searchsorted(some.times, [times - _BEFORE_KICK, times + ARRIVAL])
-    gains = fitter.gains_by_kicks(frames.T.tolist())
+    gains = np.array(fitter.gains_by_kicks(frames.T.tolist()))
     # Without a kick, another initial state reduces the sum of squares by 2 N, with variance 4 N.
     unknowns = 2 * fit.residuals.shape[1]
-    if max(gains) < unknowns + _KICKED * math.sqrt(2 * unknowns):
-        return None
-    fault = encoder_fault(some.joints, *fitter.error_scores())
+    order = np.argsort(-gains)
+    order = order[gains[order] > unknowns + _KICKED * math.sqrt(2 * unknowns)]
+    fault = _encoder_fault(some, fitted) if len(order) else None
     # Akaike's criterion: the decrease minus twice the number of additional unknowns.
-    if fault and fault.decrease - 2 > max(gains) - 2 * unknowns:
-        return None
-    return float(times[np.argmax(gains)])
+    doubtful = fault is not None and fault.decrease - 2 > gains.max() - 2 * unknowns
+    return times[order].tolist(), doubtful
 
 
 def largest_steps(some: Readings, noise: float) -> Iterator[tuple[float, float]]:

@@ -170,14 +170,15 @@ class MotionFitter:
         self._rotors = len(motion.masses)
         self._basis = observable_changes(motion, gravity_known)
 
-    def fit(self, bar_noise: float) -> MotionFit | None:
+    def fit(self, bar_noise: float, begun_well: bool = False) -> MotionFit | None:
         """Fit a chain of springs to the readings; return None if rigid bars fit equally well.
 
-        `bar_noise` is the residual noise of the fit of bars [rad].
+        `bar_noise` is the residual noise of the fit of bars [rad]. If `begun_well`, the chain of
+        the given windows fits the readings, so that its stiffness is not searched for.
         """
         show, (begun, merged, estimated, *_) = self._stages, _SHARES
         show.enter(0.0, begun)
-        if not self._begin(bar_noise):
+        if not (begun_well or self._begin(bar_noise)):
             return None
         levels = math.log(len(self._windows)) or 1.0
         while (windows := merge_windows(self._windows, self._fits)) != self._windows:
@@ -233,7 +234,7 @@ class MotionFitter:
         self._prior = replace(prior, mass_deviation=limited)
         known = dict(zip(map(id, found), self._found or self._equations(), strict=True))
         without = self._expected_decrease(list(known.values()))
-        gains = [0.0] * len(kicks)
+        gains, by_joining = [0.0] * len(kicks), dict[tuple[int, ...], float]()
         for n, (stage, frames) in enumerate(zip(pairwise(ends), kicks, strict=True)):
             self._stages.enter(*stage)
             self._windows = windows_around(found, times, *frames)
@@ -242,9 +243,12 @@ class MotionFitter:
                 gains[n] = self._expected_decrease(equations) - without
             else:
                 self._windows = join_windows(found, *frames)
-                if len(self._windows) < len(found):
-                    self._improve(_LAST_STEPS, _SAMPLED)
-                    gains[n] = self._cost(self._windows)[0] - self._cost(found)[0] + without
+                begins = tuple(window.frames.start for window in self._windows)
+                if len(begins) < len(found) and begins not in by_joining:
+                    self._improve(_STEPS, _SAMPLED)
+                    decrease = self._cost(self._windows)[0] - self._cost(found)[0]
+                    by_joining[begins] = decrease + without
+                gains[n] = by_joining.get(begins, 0.0)
             self._windows = found
         self._prior = prior
         return gains

@@ -25,7 +25,7 @@ _INITIAL_FRAMES = 25
 """Number of frames in an initial window; with fewer frames, the initial rates are uncertain."""
 _RATE_FRAMES = 8
 """Number of frames from which the initial rates of a window are estimated."""
-_FEWEST_FRAMES = 30
+FEWEST_FRAMES = 30
 """The frames between two impulses are used only if their number is at least this."""
 ARRIVAL = 0.05
 """Largest delay between the command of an impulse and its effect [s]."""
@@ -55,7 +55,7 @@ def free_intervals(times: Array, interruptions: Sequence[float]) -> list[slice]:
         slice(int(np.searchsorted(times, begin, 'right')), int(np.searchsorted(times, end)))
         for begin, end in zip(begins, ends, strict=True)
     ]
-    return [each for each in intervals if each.stop - each.start >= _FEWEST_FRAMES]
+    return [each for each in intervals if each.stop - each.start >= FEWEST_FRAMES]
 
 
 def initial_windows(
@@ -90,7 +90,7 @@ def _without_gaps(times: Array, interval: slice) -> list[slice]:
     inner = 1 + interval.start + np.flatnonzero(gaps[interval.start : interval.stop - 1])
     ends = [interval.start, *inner.tolist(), interval.stop]
     parts = [slice(*each) for each in pairwise(ends)]
-    return [part for part in parts if part.stop - part.start >= _FEWEST_FRAMES]
+    return [part for part in parts if part.stop - part.start >= FEWEST_FRAMES]
 
 
 def merge_windows(
@@ -118,22 +118,24 @@ def merge_windows(
 
 
 def windows_around(
-    windows: Sequence[FreeWindow], times: Array, before: int, after: int
+    windows: Sequence[FreeWindow], times: Array, before: int, after: int, fewest: int = 1
 ) -> tuple[FreeWindow, ...]:
-    """Divide the window that contains the frames `before` and `after`, if there is one.
+    """Remove the frames from `before` to `after` - 1 from all windows.
 
-    The first part ends before the frame `before`, and the second part begins with the frame
-    `after`. `times` [s] are the times of all frames.
+    A window that begins earlier and ends later is divided into two. Parts with fewer frames than
+    `fewest` are omitted. `times` [s] are the times of all frames.
     """
     parts: list[FreeWindow] = []
     for window in windows:
         begin, end = window.frames.start, window.frames.stop
-        if begin < before and after < end:
-            parts.append(FreeWindow(slice(begin, before), window.motion))
+        if end <= before or after <= begin:
+            parts.append(window)
+            continue
+        if before - begin >= fewest:
+            parts.append(window._replace(frames=slice(begin, before)))
+        if end - after >= fewest:
             _, motion = propagate(window.motion, times[begin : after + 1])
             parts.append(FreeWindow(slice(after, end), motion))
-        else:
-            parts.append(window)
     return tuple(parts)
 
 
