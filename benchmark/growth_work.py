@@ -140,7 +140,8 @@ def recorded(rotors: int) -> Iterator[Work]:
 
         def record() -> int:
             taken = subscription.drain()
-            writer.write_all((topic, each.stamp, each.serialized) for each in taken)
+            for each in taken:
+                writer.write(topic, each.stamp, each.serialized)
             return len(taken)
 
         yield Work(record, publish)

@@ -29,7 +29,7 @@ from soliton_linkage_nodes.messages.conversions import (
 from soliton_linkage_nodes.messages.joint_state_analysis import JointStateAnalysis
 from soliton_linkage_nodes.messages.state_conversions import state_to_msg
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.stamps import time_to_msg
+from soliton_linkage_nodes.runtime.stamps import time_from_msg, time_to_msg
 
 START = 1_700_000_000 * 10**9
 MILLISECOND = 10**6
@@ -115,11 +115,19 @@ def data_file(bag: Path) -> Path:
     return found
 
 
+def contents(bag: Path) -> list[tuple[str, int, bytes]]:
+    """Name of the topic, stamp and serialized message of each message."""
+    with open_bag(bag) as reader:
+        found = [(each.name, t, data) for each, t, data in reader.messages(reader.topics)]
+        assert reader.message_count == len(found)
+    return found
+
+
 def messages_of(bag: Path) -> dict[str, list[bytes]]:
     with open_bag(bag) as reader:
         held: dict[str, list[bytes]] = {topic.name: [] for topic in reader.topics}
-        for topic, _, serialized in reader.messages(reader.topics):
-            held[topic.name].append(serialized)
+    for name, _, serialized in contents(bag):
+        held[name].append(serialized)
     return held
 
 
@@ -140,6 +148,11 @@ def analysed_states(
         assert found is not None
         states.append(state_to_msg(found, joints._replace(**header)))
     return states
+
+
+def frames_of(messages: Sequence[Any]) -> list[int]:
+    """Numbers of frames, or of the frames at the same times as other messages."""
+    return [(time_from_msg(each.header.stamp) - START) // MILLISECOND for each in messages]
 
 
 def publish_frames(publisher: Publisher, named: NamedChain, frames: int) -> list[bytes]:

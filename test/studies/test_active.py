@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Walls in active chains move as the theory along their orbits states."""
 
-import csv
 import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
-from study_files import pictures, written
+from study_files import results
 
 from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion
 from soliton_linkage.dynamics.initial_states import with_pair
@@ -102,11 +101,6 @@ def test_the_program_writes_page_table_and_data(tmp_path):
     settings = yaml.safe_load(CONFIG.read_text(encoding='utf-8'))
     settings['chains'] = {'flipper': settings['chains']['flipper'] | {'number_of_rotors': 40}}
     settings |= {'ratios': [4.0], 'diagram': {'ratios': [0.25, 4.0], 'decays': [4.0]}}
-    path = written(settings, tmp_path)
-    assert program.main([str(path), '--output', str(tmp_path / 'out'), '--workers', '1']) == 0
-    names = {each.name for each in (tmp_path / 'out').iterdir()}
-    assert names == pictures('active') | {'table.md'}
-    with (tmp_path / 'out/active.csv').open(newline='', encoding='utf-8') as file:
-        rows = list(csv.DictReader(file))
+    rows = results(program.main, 'active', settings, tmp_path)
     assert {row['panel'] for row in rows} == set('abcdef')
     assert {row['series'] for row in rows if row['panel'] == 'd'} == {'runs', 'is pinned'}

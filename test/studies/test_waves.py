@@ -1,13 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Wave packets move at the group velocity, and act on walls in the band only."""
 
-import csv
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
-from study_files import pictures, written
+from study_files import results
 
 from soliton_linkage.estimation import Analyser
 from soliton_linkage.estimation.estimates import TrackingStatus
@@ -102,9 +101,5 @@ def test_the_program_writes_page_table_and_data(tmp_path):
     settings['duration'] = 2.0
     settings['kink'] = {'frequencies': [10.0, 39.0], 'amplitudes': [0.1], 'cycles': [5.0]}
     settings['uniform'] = {'frequencies': [30.0, 39.0], 'amplitudes': [0.1, 1.0]}
-    path = written(settings, tmp_path)
-    assert program.main([str(path), '--output', str(tmp_path / 'out'), '--workers', '1']) == 0
-    names = {each.name for each in (tmp_path / 'out').iterdir()}
-    assert names == pictures('waves') | {'table.md'}
-    with (tmp_path / 'out/waves.csv').open(newline='', encoding='utf-8') as file:
-        assert {row['panel'] for row in csv.DictReader(file)} == set('abcdef')
+    rows = results(program.main, 'waves', settings, tmp_path)
+    assert {row['panel'] for row in rows} == set('abcdef')

@@ -14,7 +14,7 @@ from ament_index_python.packages import get_package_prefix
 from graphs import Graph, values
 from programs import PACKAGE
 from rclpy.serialization import serialize_message
-from recordings import MILLISECOND, START, frame_message, run_of, write_bag
+from recordings import MILLISECOND, START, frame_message, frames_of, run_of, write_bag
 from std_srvs.srv import Trigger
 
 from soliton_linkage_msgs.msg import SolitonEvent, SolitonState
@@ -154,10 +154,6 @@ def test_a_signal_stops_it_while_it_plays_and_while_it_waits(
     assert program.stop(number) == 0
 
 
-def stamps_of(messages: list[Any]) -> list[int]:
-    return [time_from_msg(message.header.stamp) - START for message in messages]
-
-
 def test_from_an_offset_the_last_latched_message_before_it_comes_first(graph, named, tmp_path):
     entries = chains_among_frames(named)
     bag = write_bag(tmp_path / 'run', entries)
@@ -166,8 +162,8 @@ def test_from_an_offset_the_last_latched_message_before_it_comes_first(graph, na
     player = graph.start(BagPlayer, given)
     graph.until(lambda: player.finished, 'the end')
     graph.until(lambda: len(frames) == 10, 'ten frames')
-    assert stamps_of(chains) == [50 * MILLISECOND, 60 * MILLISECOND]
-    assert stamps_of(frames) == [n * MILLISECOND for n in range(55, 65)]
+    assert frames_of(chains) == [50, 60]
+    assert frames_of(frames) == list(range(55, 65))
 
 
 def chains_among_frames(named: NamedChain, frames: int = 100) -> list[Any]:
@@ -186,21 +182,21 @@ def test_a_seek_sends_the_preceding_latched_message_and_continues_there(graph, n
     chains, frames = graph.hear(interfaces.CHAIN), graph.hear(interfaces.JOINT_STATES)
     player = graph.start(BagPlayer, {'bag': str(bag), 'start_paused': True})
     graph.until(lambda: chains, 'the first chain')
-    assert stamps_of(chains) == [0]
+    assert frames_of(chains) == [0]
     assert frames == []
     for place, origin in ((57, START), (71, 0), (33, START)):
         chains.clear()
         sought = time_to_msg(origin + place * MILLISECOND)
         assert graph.call(Seek, 'bag_player/seek', time=sought).success
         graph.until(lambda: chains, 'the chain before it')
-        assert stamps_of(chains) == [place // 10 * 10 * MILLISECOND]
+        assert frames_of(chains) == [place // 10 * 10]
     for outside in (-1, 200):
         sought = time_to_msg(START + outside * MILLISECOND)
         assert not graph.call(Seek, 'bag_player/seek', time=sought).success
     assert frames == []
     assert graph.call(Trigger, 'bag_player/resume').success
     graph.until(lambda: player.finished and len(frames) == 67, 'the rest')
-    assert stamps_of(frames) == [n * MILLISECOND for n in range(33, 100)]
+    assert frames_of(frames) == list(range(33, 100))
 
 
 def test_the_time_in_which_the_recorder_was_paused_is_skipped(graph, named, tmp_path, capfd):

@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 import asyncio
+import socket
 from typing import Any
 
 import pytest
 
 pytest.importorskip('fastapi', reason='needs NiceGUI: pip install nicegui')
 
+from soliton_linkage_nodes.live_view.node import LiveView
 from soliton_linkage_nodes.live_view.server import Gate, is_loopback, tick_period
 
 TOKEN = 'a-token-of-this-test'
@@ -111,3 +113,13 @@ def test_the_time_to_the_next_tick_limits_the_share_of_a_core():
         (0.3, 5.0, 0.3),
     ]:
         assert tick_period(wanted, spent, share=0.2) == pytest.approx(expected)
+
+
+def test_an_error_names_a_port_that_is_in_use(graph):
+    with socket.socket() as used:
+        used.bind(('127.0.0.1', 0))
+        used.listen()
+        port = used.getsockname()[1]
+        reason = f"host = '127.0.0.1' and port = {port} of live_view: .*set another port"
+        with pytest.raises(ValueError, match=reason):
+            graph.start(LiveView, {'port': port})

@@ -19,7 +19,7 @@ def test_the_table_is_complete_though_a_worker_is_killed(tmp_path, capsys):
     assert [row['bag'] for row in rows] == [str(bag) for bag in bags]
     assert [row['failure'] for row in rows if row['failure']] == ['bag_7 has no frame']
     assert {row['mean noise [rad]'] for row in rows if not row['failure']} == {'0.001'}
-    assert capsys.readouterr().err.count('new processes analyse') == 1
+    assert capsys.readouterr().err.count('new processes continue') == 1
     assert not (tmp_path / 'bag_20.deadly').exists()
 
 

@@ -1,15 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The terminal line shows position and velocity of the soliton."""
+"""The terminal line shows rotor directions, and position and velocity of the soliton."""
 
 import signal
 from itertools import count
 
+import numpy as np
 import pytest
 from joint_frames import frame_of, halves
 
 from soliton_linkage_msgs.msg import Soliton, SolitonState
 from soliton_linkage_nodes.messages.conversions import NamedChain, chain_to_msg
-from soliton_linkage_nodes.programs.watch_soliton import LEGEND, WatchSoliton
+from soliton_linkage_nodes.programs.watch_soliton import LEGEND, WatchSoliton, drawn
 from soliton_linkage_nodes.runtime import interfaces
 from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
@@ -84,12 +85,34 @@ def test_parameters_describe_the_chain_and_its_joints_in_two_messages(
             frames.publish(half)
         states.publish(SolitonState(solitons=[Soliton(rotor=3.0)]))
 
-    def drawn() -> bool:
+    def seen() -> bool:
         nonlocal text
         text += capsys.readouterr().err
         return r'[\\\O\\\\]  rotor   3.00' in text
 
     graph.user.create_timer(0.1, publish)
-    graph.until(drawn, 'the chain of the parameters', lambda: text)
+    graph.until(seen, 'the chain of the parameters', lambda: text)
     with pytest.raises(ValueError, match='joint_names has 1 names for 8 rotors'):
         graph.start(WatchSoliton, {**own, 'chain_from': 'parameters', 'joint_names': ['a']})
+
+
+def test_each_rotor_has_its_mark():
+    assert drawn(np.array([1.0, 0.4, 0.2, -0.3, -1.0, np.nan]), [], 80) == r'//||\?'
+
+
+def test_a_uniform_chain_leans_one_way():
+    assert drawn(np.ones(5), [], 5) == '/////'
+    assert drawn(-np.ones(5), [], 5) == '\\\\\\\\\\'
+
+
+def test_solitons_are_where_they_are_and_stay_on_the_line():
+    assert drawn(np.ones(5), [2.6], 5) == '///O/'
+    assert drawn(np.ones(5), [-3.0, 9.0], 5) == 'O///O'
+
+
+def test_on_a_short_line_a_mark_is_the_mean_of_several():
+    leans = np.concatenate([np.ones(500), -np.ones(500)])
+    leans[:5] = np.nan
+    picture = drawn(leans, [499.0], 10)
+    assert picture == '////O\\\\\\\\\\'
+    assert drawn(np.full(20, np.nan), [], 10) == 10 * '?'

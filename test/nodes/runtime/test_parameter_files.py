@@ -95,7 +95,7 @@ def test_overridden_values_are_logged(graph, tmp_path, content, rules, rate, tol
     arguments = ['--ros-args', '--params-file', str(path), *given]
     node = graph.start(Simulator, cli_args=arguments)
     assert node.settings.publish_rate == rate
-    said = [notice.text for notice in notices(node, arguments)]
+    said = [text for text, _ in notices(node, arguments)]
     assert len(said) == (told is not None)
     assert all(told is not None and told in text and str(path) in text for text in said)
 
@@ -107,7 +107,7 @@ def test_a_file_for_a_node_of_the_same_process_is_no_mistake(graph, tmp_path):
     simulator = graph.start(Simulator, cli_args=arguments)
     actuator = graph.start(EdgeActuator, cli_args=arguments)
     assert list(notices(actuator, arguments, [simulator, actuator])) == []
-    assert [notice.warning for notice in notices(actuator, arguments)] == [True]
+    assert [warning for _, warning in notices(actuator, arguments)] == [True]
 
 
 @pytest.mark.parametrize('create', [Simulator, SolitonSteering])

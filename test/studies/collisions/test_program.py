@@ -42,9 +42,3 @@ def test_it_draws_and_tabulates(tmp_path, capsys):
     with (output / 'collisions.csv').open(newline='', encoding='utf-8') as file:
         points = list(csv.DictReader(file))
     assert [(point['panel'], point['series']) for point in points] == [('flipper', 'captured')]
-
-
-def test_wrong_settings_are_named(tmp_path, capsys):
-    path = written({**SETTINGS, 'sweeps': 3}, tmp_path)
-    assert collisions.main([str(path), '--output', str(tmp_path)]) == 1
-    assert 'sweeps' in capsys.readouterr().err

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command draws the page and the table, and all findings hold."""
 
-import csv
 import dataclasses
 import math
 from pathlib import Path
@@ -9,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from study_files import pictures, written
+from study_files import results, written
 
 from soliton_linkage.actuation.actuators import PneumaticActuator
 from soliton_linkage_studies.driving import program as driving
@@ -33,12 +32,7 @@ def small_settings() -> dict[str, dict[str, object]]:
 
 
 def test_every_panel_has_data_and_all_findings_hold(tmp_path, capsys):
-    output = tmp_path / 'new/out'
-    path = written(small_settings(), tmp_path)
-    assert driving.main([str(path), '--output', str(output), '--quick', '--workers', '1']) == 0
-    assert {path.name for path in output.iterdir()} == pictures('driving') | {'table.md'}
-    with (output / 'driving.csv').open(newline='', encoding='utf-8') as file:
-        points = list(csv.DictReader(file))
+    points = results(driving.main, 'driving', small_settings(), tmp_path, '--quick')
     series: dict[str, set[str]] = {panel: set() for panel in PANELS}
     for point in points:
         assert math.isfinite(float(point['y'])), point
@@ -46,7 +40,7 @@ def test_every_panel_has_data_and_all_findings_hold(tmp_path, capsys):
     assert {panel: len(found) for panel, found in series.items()} == dict(
         zip(PANELS, (3, 2, 1, 3, 4, 4), strict=True)
     )
-    table = (output / 'table.md').read_text(encoding='utf-8')
+    table = (tmp_path / 'new/out/table.md').read_text(encoding='utf-8')
     found = [line for line in table.splitlines() if line[:5] in {f'| {name} |' for name in PANELS}]
     assert {line[2] for line in found} == set(PANELS)
     assert all(line.endswith('| yes |') for line in found), table

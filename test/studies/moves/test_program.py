@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from chains import FLIPPER, chain_of
-from study_files import pictures, written
+from study_files import results, written
 
 from soliton_linkage.steering.steering import Outcome
 from soliton_linkage_studies import moves
@@ -27,11 +27,8 @@ SETTINGS = {
 
 
 def test_the_command_writes_table_and_picture(tmp_path, capsys):
-    output = tmp_path / 'out'
-    path = written(SETTINGS, tmp_path)
-    assert moves.main([str(path), '--output', str(output), '--workers', '1']) == 0
-    assert {path.name for path in output.iterdir()} == pictures('moves') | {'table.md'}
-    lines = (output / 'table.md').read_text().splitlines()
+    results(moves.main, 'moves', SETTINGS, tmp_path)
+    lines = (tmp_path / 'new/out/table.md').read_text().splitlines()
     assert len(lines) == 3
     assert lines[2].startswith('| flipper | noisy | 1 of 1 |')
     assert '1 of 1' in capsys.readouterr().out

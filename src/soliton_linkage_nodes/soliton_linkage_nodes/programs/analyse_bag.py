@@ -49,8 +49,8 @@ from soliton_linkage_nodes.programs.bag_analysis import analyse_frames, read_cha
 from soliton_linkage_nodes.runtime.process import interrupt_on_signals
 from soliton_linkage_nodes.runtime.stamps import SECOND
 from soliton_linkage_studies.pictures import save_run
-from soliton_linkage_studies.sweep.table import Table, read_rows
-from soliton_linkage_studies.workers import cluster, local_processes, measure_rows, process_count
+from soliton_linkage_studies.sweep.table import fill_table
+from soliton_linkage_studies.workers import process_count
 
 _NO_CHAIN = 'specify the chain with --chain, or record the topic chain'
 _STATES = 'soliton_state.csv'
@@ -143,28 +143,11 @@ def named_bags(paths: Sequence[Path]) -> tuple[tuple[str, Path], ...]:
 
 def analyse_many(study: BagBatch, workers: int, scheduler: str | None = None) -> int:
     """Analyse the bags that lack a row in bags.csv; return the number of rows with a failure."""
-    with Table(study, study.folder) as table:
-        while missing := table.missing:
-            ready = cluster(scheduler) if scheduler else local_processes(workers)
-            line = ProgressLine('analysing', study.rows)
-            try:
-                with ready as pool:
-                    for cells in measure_rows(pool, study, missing):
-                        table.append(cells)
-                        done = study.rows - len(table.missing)
-                        line.show(done, f'{done} of {study.rows} bags')
-                line.clear()
-            except ChildProcessError as error:
-                if table.missing == missing:
-                    raise
-                print(
-                    f'analyse_bag: {error}; new processes analyse the other bags', file=sys.stderr
-                )
-        table.finish()
-    failed = [each for each in read_rows(table.path) if each['failure']]
+    path, rows = fill_table(study, study.folder, workers, scheduler)
+    failed = [each for each in rows if each['failure']]
     for each in failed:
         print(f'{each["bag"]}: {each["failure"]}', file=sys.stderr)
-    print(f'{study.rows - len(failed)} of {study.rows} bags in {table.path}')
+    print(f'{study.rows - len(failed)} of {study.rows} bags in {path}')
     return len(failed)
 
 

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import yaml
 from rclpy.node import Node
@@ -18,11 +18,8 @@ _PARAMETERS = 'ros__parameters'
 _WILDCARDS = {'**': r'(/\w+)*', '*': r'/\w+'}
 
 
-class Notice(NamedTuple):
-    """Text to log, and whether it is a warning."""
-
-    text: str
-    warning: bool
+Notice = tuple[str, bool]
+"""Text to log, and whether it is a warning."""
 
 
 def resolve_path(argument: str, value: str, known: Mapping[str, Path]) -> Path:
@@ -87,7 +84,7 @@ def notices(node: Node, arguments: Sequence[str], others: Sequence[Node] = ()) -
         if not any(matches(pattern, one) for pattern in sections for one in started):
             remedy = f'begin its section with /**/{node.get_name()}:'
             text = f'{path} has parameters for {", ".join(sections)}, not for {name}; {remedy}'
-            yield Notice(text, True)
+            yield text, True
         own = [values for pattern, values in sections.items() if matches(pattern, name)]
         filed = {key: value for values in own for key, value in values.items()}
         for parameter in sorted(filed.keys() & typed.keys()):
@@ -104,9 +101,9 @@ def _conflict(node: Node, name: str, filed: Any, rule: str, path: Path) -> Itera
         remedy = 'change the file'
         if node.get_namespace() == '/':
             remedy = f'write -p {node.get_name()}:{name}:={typed} after it'
-        yield Notice(f'{name} = {filed} of {path} overrides -p {rule}; {remedy}', True)
+        yield f'{name} = {filed} of {path} overrides -p {rule}; {remedy}', True
     else:
-        yield Notice(f'-p {rule} overrides {name} = {filed} of {path}', False)
+        yield f'-p {rule} overrides {name} = {filed} of {path}', False
 
 
 def _sections(content: Mapping[str, Any], above: str) -> Iterator[tuple[str, dict[str, Any]]]:

@@ -165,9 +165,9 @@ def run_together(constructors: Sequence[Callable[[], Node]], arguments: list[str
                 nodes.append(create_node())
                 stack.callback(nodes[-1].destroy_node)
             for node in nodes:
-                for notice in notices(node, arguments, nodes):
+                for text, warning in notices(node, arguments, nodes):
                     log = node.get_logger()
-                    (log.warning if notice.warning else log.info)(notice.text)
+                    (log.warning if warning else log.info)(text)
             rates = [node.frame_rate for node in nodes if hasattr(node, 'frame_rate')]
             if rates:
                 interval = max(_SHARE_OF_PERIOD / max(rates), _SHORTEST_INTERVAL)

@@ -12,6 +12,7 @@ import fcntl
 import hashlib
 import io
 import os
+import sys
 import time
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -131,23 +132,24 @@ class Table:
 
 
 def fill_table(
-    study: Tabulated, folder: Path, workers: int, scheduler: str = ''
+    study: Tabulated, folder: Path, workers: int, scheduler: str | None = None
 ) -> tuple[Path, list[dict[str, str]]]:
     """Measure the missing rows of a table; return its path and all its rows.
 
     The rows are measured by local processes, or on a Dask cluster if its address `scheduler` is
-    given. Raises ChildProcessError if a worker ends unexpectedly; finished rows remain in the part
-    file.
+    given. If a worker ends unexpectedly, new processes measure the missing rows. Raises
+    ChildProcessError if they do not finish a row either; finished rows remain in the part file.
     """
     with Table(study, folder) as table:
-        missing = table.missing
-        if missing:
+        while missing := table.missing:
             count = min(workers, len(missing))
             try:
                 with cluster(scheduler) if scheduler else local_processes(count) as pool:
                     _fill(study, table, missing, pool)
             except ChildProcessError as error:
-                raise ChildProcessError(f'a worker ended ({error}); {RESUMES}') from error
+                if table.missing == missing:
+                    raise ChildProcessError(f'a worker ended ({error}); {RESUMES}') from error
+                print(f'{study.name}: {error}; new processes continue', file=sys.stderr)
         table.finish()
     return table.path, read_rows(table.path)
 

@@ -10,12 +10,12 @@ import pytest
 from builtin_interfaces.msg import Duration, Time
 from graphs import Graph
 from rclpy.node import Node
-from recordings import MILLISECOND, START, frame_message, run_of, write_bag
+from recordings import MILLISECOND, START, frame_message, frames_of, run_of, write_bag
 
 from soliton_linkage_nodes.bags.player import BagPlayer
 from soliton_linkage_nodes.bags.services import service_type
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.stamps import time_from_msg, time_to_msg
+from soliton_linkage_nodes.runtime.stamps import time_to_msg
 
 Services = dict[str, Callable[[Any, Any], Any]]
 
@@ -54,10 +54,6 @@ def play(services: Services, offset: float = 0.0, duration: float = 0.0, until: 
 def seconds(duration: float) -> Duration:
     whole = time_to_msg(round(duration * 1e9))
     return Duration(sec=whole.sec, nanosec=whole.nanosec)
-
-
-def frames_of(heard: list[Any]) -> list[int]:
-    return [(time_from_msg(m.header.stamp) - START) // MILLISECOND for m in heard]
 
 
 def wait_for_number(graph: Graph, heard: list[Any], number: int) -> None:

@@ -7,12 +7,11 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
-from recordings import change_metadata
+from recordings import change_metadata, contents
 from rosbag2_bags import Layout, write_files
 from std_msgs.msg import String
 
 from soliton_linkage_nodes.bags.player import BagPlayer
-from soliton_linkage_nodes.bags.reading import open_bag
 from soliton_linkage_nodes.bags.recovery import check_bag, recover_bag
 from soliton_linkage_nodes.runtime.interfaces import Topic, reliable_qos
 
@@ -44,10 +43,7 @@ def log_ahead(data: Path, first: int) -> None:
 
 
 def held(path: Path) -> Held:
-    with open_bag(path) as reader:
-        found = [(each.name, stamp) for each, stamp, _ in reader.messages(reader.topics)]
-        assert reader.message_count == len(found)
-    return found
+    return [(name, stamp) for name, stamp, _ in contents(path)]
 
 
 @pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])

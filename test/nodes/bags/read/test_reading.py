@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 from recordings import MILLISECOND, START, data_file, run_of, write_bag
+from rosbags.rosbag2 import Reader
 from std_srvs.srv import Trigger
 
 from soliton_linkage_nodes.bags import reading as bags
@@ -22,17 +23,33 @@ def storage(request):
     return str(request.param)
 
 
-def test_a_bag_is_of_version_9_and_named_for_ros2_bag_reindex(named, tmp_path):
+def test_a_bag_has_the_form_of_rosbag2_and_is_named_for_ros2_bag_reindex(named, tmp_path):
     path = write_bag(tmp_path / 'run', run_of(named, 3))
     assert path == tmp_path / 'run_0'
     metadata = yaml.safe_load((path / 'metadata.yaml').read_text())
     information = metadata['rosbag2_bagfile_information']
+    assert list(information) == [
+        'version',
+        'storage_identifier',
+        'duration',
+        'starting_time',
+        'message_count',
+        'topics_with_message_count',
+        'compression_format',
+        'compression_mode',
+        'relative_file_paths',
+        'files',
+        'custom_data',
+        'ros_distro',
+    ]
     assert information['version'] == 9
     assert information['storage_identifier'] == 'mcap'
     assert information['relative_file_paths'] == ['run_0_0.mcap']
     assert information['message_count'] == 5
     assert information['duration']['nanoseconds'] == 3 * MILLISECOND
     assert information['starting_time']['nanoseconds_since_epoch'] == START
+    with Reader(path) as reader:
+        assert reader.message_count == 5
 
 
 def test_nothing_is_overwritten(named, tmp_path):

@@ -105,27 +105,27 @@ def test_a_bag_of_several_files_lists_the_content_of_each(named, tmp_path):
 
 
 @pytest.mark.parametrize('compression', ['none', 'zstd'])
-def test_batches_are_the_same_as_single_messages(tmp_path, compression):
+def test_messages_of_any_size_are_written(tmp_path, compression):
     sizes = [10, 3 * 2**20, 7, 700_000, 700_000, 0, 2**20, 5]
     chance = random.Random(1)
     sent = [(START + n, chance.randbytes(size)) for n, size in enumerate(sizes)]
-    for batch in (1, 3, len(sent)):
-        writer = BagWriter(tmp_path / f'in_{batch}', compression)
-        stored = writer.add_topic('/x', 'std_msgs/msg/String', interfaces.NUDGE.qos)
-        for begin in range(0, len(sent), batch):
-            writer.write_all((stored, *message) for message in sent[begin : begin + batch])
-        assert writer.messages == len(sent)
-        writer.close()
-        with Reader(writer.path) as reader:
-            assert [(stamp, bytes(data)) for _, stamp, data in reader.messages()] == sent
+    writer = BagWriter(tmp_path / 'run', compression)
+    stored = writer.add_topic('/x', 'std_msgs/msg/String', interfaces.NUDGE.qos)
+    for message in sent:
+        writer.write(stored, *message)
+    assert writer.messages == len(sent)
+    writer.close()
+    with Reader(writer.path) as reader:
+        assert [(stamp, bytes(data)) for _, stamp, data in reader.messages()] == sent
 
 
-def test_a_batch_continues_in_a_new_file_at_the_largest_size(tmp_path):
+def test_a_bag_continues_in_a_new_file_at_the_largest_size(tmp_path):
     largest, size = 100_000, 500
     writer = BagWriter(tmp_path / 'run', largest_file=largest)
     topic = writer.add_topic('/nudge', 'std_msgs/msg/Float64', interfaces.NUDGE.qos)
     sent = [(START + number, number.to_bytes(size, 'big')) for number in range(1000)]
-    writer.write_all((topic, *message) for message in sent)
+    for message in sent:
+        writer.write(topic, *message)
     writer.close({})
     told = yaml.safe_load((writer.path / 'metadata.yaml').read_text())
     counts = [file['message_count'] for file in told['rosbag2_bagfile_information']['files']]
@@ -137,10 +137,11 @@ def test_a_batch_continues_in_a_new_file_at_the_largest_size(tmp_path):
         assert [(stamp, bytes(data)) for _, stamp, data in reader.messages()] == sent
 
 
-def test_a_batch_continues_in_a_new_file_at_the_longest_duration(tmp_path):
+def test_a_bag_continues_in_a_new_file_at_the_longest_duration(tmp_path):
     writer = BagWriter(tmp_path / 'run', longest_file=1.0)
     stored = writer.add_topic('/x', 'std_msgs/msg/String', interfaces.NUDGE.qos)
-    writer.write_all((stored, START + n * 10**8, b'') for n in range(35))
+    for n in range(35):
+        writer.write(stored, START + n * 10**8, b'')
     writer.close()
     told = yaml.safe_load((writer.path / 'metadata.yaml').read_text())
     files = told['rosbag2_bagfile_information']['files']

@@ -7,7 +7,7 @@ import json
 import os
 import time
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -152,14 +152,6 @@ class BagWriter:
         with self._naming_the_bag():
             self._split_if_full(stamp)
             self._file.write(topic.number, stamp, serialized, published, sequence)
-        self.flush_if_due()
-
-    def write_all(self, messages: Iterable[tuple[StoredTopic, int, bytes]]) -> None:
-        """Store serialized messages, each with its topic and receive time [ns]."""
-        with self._naming_the_bag():
-            for topic, stamp, serialized in messages:
-                self._split_if_full(stamp)
-                self._file.write(topic.number, stamp, serialized)
         self.flush_if_due()
 
     def copy_record(self, opcode: int, body: Bytes) -> None:

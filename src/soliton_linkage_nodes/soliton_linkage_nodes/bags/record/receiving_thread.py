@@ -9,7 +9,6 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from operator import attrgetter
 from pathlib import Path
@@ -45,28 +44,21 @@ def _parameters_of(serialized: bytes) -> dict[str, Any]:
     return parameters
 
 
-@dataclass(frozen=True)
-class DiscoveryTimes:
-    """Durations of the discovery of publishers. Each process announces itself every 3 s."""
-
-    announcement: float = 3.2
-    """Shortest duration of the discovery [s], so that every process announces itself once."""
-    quiet: float = 1.0
-    """The discovery ends when the numbers of known and connected publishers have been constant for
-    this time [s]."""
-    longest: float = 10.0
-    """Longest wait for unconnected publishers [s]. They may have been killed."""
+_ANNOUNCEMENT = 3.2
+"""Shortest duration of the discovery [s]. Each process announces itself every 3 s."""
+_QUIET = 1.0
+"""The discovery ends when the numbers of known and connected publishers have been constant for
+this time [s]."""
+_LONGEST_DISCOVERY = 10.0
+"""Longest wait for unconnected publishers [s]. They may have been killed."""
 
 
 class DiscoveryWait:
     """Monitor that checks whether all publishers of recorded topics are found and connected."""
 
-    def __init__(
-        self, times: DiscoveryTimes = DiscoveryTimes(), clock: Callable[[], float] = time.monotonic
-    ) -> None:
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self.missing: list[str] = []
         """Topics with an unconnected publisher at the last call of `done`."""
-        self._times = times
         self._clock = clock
         self._begun = self._since = clock()
         self._known: list[tuple[str, int, int]] = []
@@ -78,9 +70,9 @@ class DiscoveryWait:
         if known != self._known:
             self._known, self._since = known, now
         self.missing = [name for name, publishers, connected in known if connected < publishers]
-        if now < max(self._since + self._times.quiet, self._begun + self._times.announcement):
+        if now < max(self._since + _QUIET, self._begun + _ANNOUNCEMENT):
             return False
-        return not self.missing or now - self._begun > self._times.longest
+        return not self.missing or now - self._begun > _LONGEST_DISCOVERY
 
 
 _POLL_INTERVAL = 0.05
@@ -110,7 +102,6 @@ class ReceivingThread:
         bag: WritingThread,
         announce: Callable[[Sequence[str]], None],
         real_time: bool = False,
-        discovery: DiscoveryTimes = DiscoveryTimes(),
     ) -> None:
         """Start the thread.
 
@@ -122,7 +113,7 @@ class ReceivingThread:
         self._bag = bag
         self._announce = announce
         self._real_time = real_time
-        self._discovery: DiscoveryWait | None = DiscoveryWait(discovery)
+        self._discovery: DiscoveryWait | None = DiscoveryWait()
         self._lock = threading.Lock()
         self._paused_at = time.time_ns()
         self._chains: dict[str, dict[str, Any]] = {}

@@ -171,11 +171,8 @@ class WritingThread:
         return self._topics[topic]
 
     def _write(self, messages: Sequence[ReceivedMessage], size: int) -> None:
-        stored = [
-            (topic, stamp, serialized)
-            for source, stamp, serialized in messages
-            if (topic := self._stored(source)) is not None
-        ]
-        self.writer.write_all(stored)
+        for source, stamp, serialized in messages:
+            if (topic := self._stored(source)) is not None:
+                self.writer.write(topic, stamp, serialized)
         with self._changed:
             self.waiting -= size
