@@ -119,9 +119,9 @@ def test_one_curve_splits_into_two_at_d_c_and_no_step_crosses_the_gap(pair):
         assert (component_of(spinner, half) == index).all()
 
 
-def on_a_curve(chain: Chain, configurations: Array, points: int = 400) -> Array:
+def on_a_curve(chain: Chain, configurations: Array) -> Array:
     """Return the distance of configurations from their curve, in steps of the curve."""
-    curves = configuration_curves(chain, points)
+    curves = configuration_curves(chain, 400)
     components = component_of(chain, configurations)
     nearest = []
     for configuration, component in zip(configurations, components, strict=True):

@@ -170,11 +170,11 @@ def leave_an_earlier_run(output: Path, scenario: str) -> None:
         path.write_text('of an earlier run')
 
 
-def configured(folder: Path, scenario: str, rate: float = RATE, **parameters: float) -> Path:
-    """A scenario of few rotors, with a rate of frames [Hz] and parameters of the experiment."""
+def configured(folder: Path, scenario: str, **parameters: float) -> Path:
+    """A scenario of few rotors at a low rate of frames, with parameters of the experiment."""
     path = CONFIGURATION / f'{scenario}.yaml'
     configuration = yaml.safe_load(path.read_text(encoding='utf-8'))
-    configuration['/**/simulator']['ros__parameters']['publish_rate'] = rate
+    configuration['/**/simulator']['ros__parameters']['publish_rate'] = RATE
     configuration['/**/experiment']['ros__parameters'].update(parameters)
     configuration['/**']['ros__parameters']['chain.number_of_rotors'] = ROTORS
     path = folder / path.name

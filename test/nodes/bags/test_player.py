@@ -166,10 +166,10 @@ def test_from_an_offset_the_last_latched_message_before_it_comes_first(graph, na
     assert frames_of(frames) == list(range(55, 65))
 
 
-def chains_among_frames(named: NamedChain, frames: int = 100) -> list[Any]:
-    """Frames of a millisecond, and a chain before each tenth, with the same stamp."""
+def chains_among_frames(named: NamedChain) -> list[Any]:
+    """A hundred frames of a millisecond, and a chain before each tenth, with the same stamp."""
     entries: list[Any] = []
-    for topic, stamp, message in run_of(named, frames)[1:-1]:
+    for topic, stamp, message in run_of(named, 100)[1:-1]:
         if (stamp - START) % (10 * MILLISECOND) == 0:
             chain = chain_to_msg(named, time_to_msg(stamp))
             entries.append((interfaces.CHAIN, stamp, chain))

@@ -96,17 +96,8 @@ def test_every_frame_gets_its_solitons_under_its_own_header(graph):
     states = Analysed(graph, named).analyse(frames)
     assert_same(states, named, frames)
     assert states[0].solitons == []
+    assert states[0].motion_name == 'wobbling flipper'
     assert any(state.solitons for state in states)
-
-
-def test_no_soliton_is_an_empty_list(graph, named):
-    frames = [
-        frame_of(named, rest, stamp, 0 * rest)
-        for stamp, rest in enumerate(map(named.chain.uniform_state, (-1, 1)))
-    ]
-    for state in Analysed(graph, named).analyse(frames):
-        assert state.solitons == []
-        assert state.motion_name == 'flipper'
 
 
 def test_frames_that_come_before_the_chain_are_analysed_once_it_is_known(graph):

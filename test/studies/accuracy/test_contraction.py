@@ -14,10 +14,10 @@ SPEED = 6.0
 NOISE = 0.02
 
 
-def steady(chain: Chain, frames: int = 400) -> tuple[Array, Array]:
+def steady(chain: Chain) -> tuple[Array, Array]:
     """Return times and angles of a rigid-bar chain whose wall moves at `SPEED`."""
     orbit = UniformOrbit(chain)
-    times = np.linspace(0, (chain.number_of_rotors - 1) / SPEED, frames)
+    times = np.linspace(0, (chain.number_of_rotors - 1) / SPEED, 400)
     begin = orbit.arc_at(0.0, 0)
     arcs = begin + SPEED * orbit.site_arc * times
     return times, np.array([orbit.configuration(arc) for arc in arcs])

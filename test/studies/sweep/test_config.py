@@ -21,10 +21,10 @@ SWEEPS = [path for path in CONFIGS if 'sweep:' in path.read_text(encoding='utf-8
 GRID = 'sweep: {rest_angle: [0.5, 0.97]}'
 
 
-def study_of(tmp_path: Path, content: str, quick: bool = False) -> SweepStudy:
+def study_of(tmp_path: Path, content: str) -> SweepStudy:
     path = tmp_path / 'mine.yaml'
     path.write_text(content, encoding='utf-8')
-    return read_sweep_study(path, quick)
+    return read_sweep_study(path, quick=False)
 
 
 @given(st.lists(st.integers(1, 4), min_size=1, max_size=3), st.integers(1, 3))
