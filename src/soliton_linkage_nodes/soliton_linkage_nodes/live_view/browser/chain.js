@@ -6,11 +6,12 @@ import { solitonsOf } from './frames.js';
 
 const NEAR = 22; // largest distance from the pointer to a rotor that is grabbed [pixels]
 const STILL = 5; // largest movement of the pointer during a click [pixels]
+const UNCONTROLLED = { act: () => {}, send: () => {}, window: () => {}, nudgeSpeed: () => 0 };
 
 export class ChainView {
   // act(name, arguments) sends an action; window(first, last) requests a range of rotors.
-  // send(message) sends the position of the pointer.
-  constructor(element, { act, send, window: requestWindow, nudgeSpeed }) {
+  // send(message) sends the position of the pointer. Without arguments, the view only shows a chain.
+  constructor(element, { act, send, window: requestWindow, nudgeSpeed } = UNCONTROLLED) {
     this.canvas = new Canvas(element);
     Object.assign(this, { act, send, requestWindow, nudgeSpeed });
     this.first = 0;

@@ -58,9 +58,9 @@ export function theme() {
   };
 }
 
-export function finite(value, digits = 2, unit = '') {
+export function finite(value, digits = 2) {
   if (!Number.isFinite(value)) return '–';
-  return `${value.toFixed(digits).replace(/^-(0\.?0*)$/, '$1').replace('-', '−')}${unit}`;
+  return `${value.toFixed(digits).replace(/^-(0\.?0*)$/, '$1').replace('-', '−')}`;
 }
 
 // Returns a site and its standard deviation [rotor spacings].
@@ -144,9 +144,9 @@ export function ticks(low, high, wanted) {
 }
 
 // Draws a frame with ticks; returns the functions from values to pixels.
-export function axes(canvas, look, { x, y, left = 62, bottom = 26, xLabel = '', yLabel = '',
-  yFormat = String, xFormat = String, right = 10, top = 8 }) {
+export function axes(canvas, look, { x, y, xLabel, yLabel, left = 62, right = 10, yFormat = String }) {
   const c = canvas.context;
+  const [top, bottom] = [8, 26];
   const w = canvas.width - left - right;
   const h = canvas.height - top - bottom;
   const toX = (value) => left + ((value - x[0]) / (x[1] - x[0])) * w;
@@ -163,8 +163,8 @@ export function axes(canvas, look, { x, y, left = 62, bottom = 26, xLabel = '', 
   });
   c.textAlign = 'center';
   ticks(x[0], x[1], w / 80).forEach((value) => {
-    if (xLabel && toX(value) > left + w - 64) return;
-    c.fillText(xFormat(value), toX(value), top + h + 15);
+    if (toX(value) > left + w - 64) return;
+    c.fillText(String(value), toX(value), top + h + 15);
   });
   c.textAlign = 'right';
   c.fillText(xLabel, left + w, top + h + 15);

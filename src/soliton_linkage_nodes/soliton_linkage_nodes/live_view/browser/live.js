@@ -244,7 +244,7 @@ class Live {
     tile.dataset.chain = name;
     setText(tile.querySelector('b'), name.replaceAll('/', ' ').trim() || 'chain');
     element('small').append(tile);
-    const view = new ChainView(tile.querySelector('canvas'), { act: () => {}, send: () => {}, window: () => {}, nudgeSpeed: () => 0 });
+    const view = new ChainView(tile.querySelector('canvas'));
     view.canvas.element.style.pointerEvents = 'none';
     return { tile, view };
   }

@@ -25,7 +25,7 @@ class SharedRun {
     this.span = [this.times[0], Math.max(this.times.at(-1), this.times[0] + 1e-3)];
     this.shown = [...this.span];
     this.n = 0;
-    this.view = new ChainView(shared('chain'), { act: () => {}, send: () => {}, window: () => {}, nudgeSpeed: () => 0 });
+    this.view = new ChainView(shared('chain'));
     this.lean = new LeanPlot(shared('lean'));
     this.kymograph = new Canvas(shared('kymograph'));
     this.energy = new Canvas(shared('energy'));
