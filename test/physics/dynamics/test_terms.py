@@ -5,7 +5,9 @@ import math
 import numpy as np
 import pytest
 from chain_motions import MOTIONS, coordinates, lively_state, motor_torques
-from chains import FLIPPER, chain_of
+from chains import EPS, FLIPPER, chain_of
+from deviating_chains import any_deviating_configuration, shortest_length
+from hypothesis import given
 
 from soliton_linkage.dynamics.elastic import ElasticSimulation
 from soliton_linkage.dynamics.equation_of_motion import EquationOfMotion
@@ -17,6 +19,7 @@ from soliton_linkage.dynamics.terms import (
     LinearDamping,
     NonReciprocal,
     QuadraticDamping,
+    SpringTorques,
 )
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.deviations import Deviations
@@ -57,6 +60,18 @@ def test_the_derivative_is_the_sum_of_the_terms(name):
     if motion.damped:
         expected.append([float(chain.dampings @ rates**2 - active @ rates)])
     np.testing.assert_allclose(motion(0.0, state), np.concatenate(expected), rtol=0, atol=1e-12)
+
+
+@given(any_deviating_configuration())
+def test_compiled_springs_have_the_torques_of_any_chain(configuration):
+    chain, angles = configuration
+    torques = np.zeros(chain.number_of_rotors)
+    SpringTorques(chain).add(torques, 0.0, angles, 0 * angles)
+    # The rounding error of l^2 changes k_e (1 - lbar / l) l by a multiple (lbar / l)^2 of it.
+    amplified = max(1.0, float(chain.rest_lengths.max()) / shortest_length(chain, angles)) ** 2
+    bent = chain.stiffness * (chain.spacing + chain.rotor_length) * chain.rotor_length * amplified
+    expected = chain.spring_torques(angles)
+    np.testing.assert_allclose(torques, expected, rtol=0, atol=16 * EPS * bent)
 
 
 def test_torques_of_terms_with_an_energy_are_its_gradient():

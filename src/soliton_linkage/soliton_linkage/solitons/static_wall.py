@@ -117,10 +117,6 @@ def angles_from_seed(
     bar n on the right, the lever B_n has the sign right_branches[n]. Both arrays have the shape
     (springs,). Raises ValueError if a bar is too short or too long.
     """
-    if seed not in range(chain.number_of_rotors):
-        raise ValueError(f'seed = {seed} must be a rotor from 0 to {chain.number_of_rotors - 1}')
-    if not math.isfinite(angle):
-        raise ValueError(f'angle of rotor {seed} = {angle} rad must be a finite number')
     spacings, angles = chain.spacings.tolist(), [0.0] * chain.number_of_rotors
     angles[seed] = angle
     for n in range(seed, chain.number_of_rotors - 1):
