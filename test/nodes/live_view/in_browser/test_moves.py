@@ -3,6 +3,7 @@ from programs import until
 from rclpy.action import ActionClient
 
 from soliton_linkage_msgs.action import MoveSoliton
+from soliton_linkage_nodes.runtime import interfaces
 
 
 def test_a_click_moves_the_soliton_and_release_ends_the_hold(at_rest, view):
@@ -51,7 +52,7 @@ def test_a_move_is_cancelled_a_goal_outside_is_rejected_and_a_reset_ends_the_sta
     visit.page.keyboard.press('Escape')
 
 
-def test_a_pull_releases_the_held_soliton(at_rest, view):
+def test_a_pull_releases_the_held_soliton(at_rest, view, stage):
     visit = at_rest
     visit.fill('to rotor', 6)
     visit.click('carry')
@@ -62,6 +63,8 @@ def test_a_pull_releases_the_held_soliton(at_rest, view):
     visit.page.mouse.move(x + 15, y + 15, steps=3)
     visit.wait('document.getElementById("live-move").textContent === ""')
     visit.page.locator('#live-release[disabled]').wait_for()
+    torques = stage.record(interfaces.ROTOR_TORQUES)
+    until(lambda: torques and any(torques[-1].effort), 'the torque of the pull')
     visit.page.mouse.up()
     # A report of the actuator may arrive before the torques end.
     visit.wait(
