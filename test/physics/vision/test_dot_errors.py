@@ -56,6 +56,15 @@ def test_resting_dots_may_have_the_errors_of_moving_ones_if_these_are_much_large
     np.testing.assert_allclose(factors, 3.0, rtol=0.1)
 
 
+def test_small_errors_of_resting_dots_are_no_dead_zone_without_moving_dots():
+    random, scale, rests = np.random.default_rng(1), ErrorScale(ROTORS), 0 * ONES
+    for picture in range(100):
+        errors = 0.3 * random.normal(size=ROTORS)
+        dots = DotMeasurements(picture / 60, rests, ONES, errors, ONES, rests, NEVER)
+        factors = scale.update(dots)
+    np.testing.assert_allclose(factors, 0.3, rtol=0.1)
+
+
 def test_the_constant_error_of_resting_dots_is_the_same_number_of_pixels_for_all_rotors():
     random, scale = np.random.default_rng(1), ErrorScale(ROTORS)
     pixels = np.linspace(20, 200, ROTORS)

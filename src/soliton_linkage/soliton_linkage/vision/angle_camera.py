@@ -174,7 +174,6 @@ class AngleCamera:
         self, plane: ChainPlane, seen: NDArray[np.bool_], pixels: Array, noise: Array, arms: Array
     ) -> tuple[Array, Array]:
         steps = plane.metres_per_pixel(pixels, self._layout.heights[seen])
-        noise = noise + self.frame_markers.deviation**2 * np.eye(2)
         covariances = steps @ noise @ np.swapaxes(steps, 1, 2)
         lengths = np.hypot(arms[:, 0], arms[:, 1])
         outwards = arms / lengths[:, None]

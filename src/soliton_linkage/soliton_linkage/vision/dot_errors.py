@@ -161,11 +161,12 @@ class ErrorScale:
         ended = (repeats > 0) & ~dots.repeated & np.isfinite(changes)
         self._jumps.add_weighted(changes[ended], repeats[ended])
         self._before = dots.angles
-        jumps, errors = self._jumps.value(), self._moving.value()
+        jumps = self._jumps.value()
         relative, seen = 1 / (dots.noise * dots.pixels_per_radian), np.isfinite(dots.angles)
         usual = float(np.median(relative[seen])) if seen.any() else 0.0
         expected = max(jumps, (_CODED_ERROR * usual) ** 2)
         at_rest = self._resting.value()
+        errors = self._moving.value(at_rest)
         differ = errors > _DEAD_ZONE_RATIO * (at_rest + (constant * usual) ** 2)
         if differ:
             expected = max(expected, errors)

@@ -87,8 +87,6 @@ class FrameMarkers:
     def __init__(self, layout: MarkerLayout, camera: Camera) -> None:
         self.plane: ChainPlane | None = None
         """Plane of the chain, None until enough markers have been visible."""
-        self.deviation = 0.0
-        """Standard deviation of the position of the plane in the picture [pixels]."""
         self.fit_error = 0.0
         """Standard deviation of the constant part of the errors of fitted centres [pixels], which
         averaging over pictures does not reduce."""
@@ -214,14 +212,13 @@ class FrameMarkers:
     def _fit_plane(self) -> None:
         points = self._points[self._known]
         self.plane, self._noise = fit_plane(self._camera, points, self.centres)
-        self.deviation = self._noise / np.sqrt(len(points))
         self.placing = PlacingErrors(points, np.flatnonzero(self._known) // 4)
         whole = self._known.reshape(-1, 4).all(axis=1)
         seen = self._centres.reshape(-1, 4, 2)[whole]
         self.print_scale = _print_scale(self.plane, seen, self._layout.frame_dots[whole])
         if whole.any():
             expected = self.plane.pixels(self._points).reshape(-1, 4, 2)[whole]
-            error = _shape_error(seen, expected)
+            error = _shape_error(seen - expected)
             averaged = min(self._pictures, _MAX_PICTURES)
             self.fit_error = float(np.sqrt(max(error**2 - self._variance / averaged, 0.0)))
 
@@ -254,15 +251,15 @@ def _spreads(dots: Array) -> tuple[float, float]:
     return float(within), float(np.linalg.norm(centres - centres.mean(axis=0)))
 
 
-def _shape_error(dots: Array, expected: Array) -> float:
-    """Return the root mean square error of the shapes of M markers, (M, 4, 2) [pixels]."""
-    one, other = (
-        np.ascontiguousarray(each).view(np.complex128)[..., 0] for each in (dots, expected)
-    )
-    one, other = (each - each.mean(axis=1, keepdims=True) for each in (one, other))
-    turned = np.sum(one * other.conj(), axis=1) / np.sum(np.abs(other) ** 2, axis=1)
-    errors = one - turned[:, None] * other
-    return float(np.sqrt(np.sum(np.abs(errors) ** 2) / (4 * len(dots))))
+def _shape_error(errors: Array) -> float:
+    """Return the root mean square of position errors of the dots of M markers, (M, 4, 2).
+
+    The four dots of a marker lie on a parallelogram also if the plane is slightly wrong, because
+    other markers are at wrong positions. In the difference between the sums of both pairs of
+    opposite dots, such errors therefore cancel each other.
+    """
+    differences = errors[:, 0] - errors[:, 1] + errors[:, 2] - errors[:, 3]
+    return float(np.sqrt(np.mean(differences**2))) / 2
 
 
 def marker_detector(cv2: Any) -> Any:
