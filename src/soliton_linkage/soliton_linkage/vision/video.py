@@ -225,11 +225,10 @@ def _missing_end(path: Path, identifier: int, incomplete: bool) -> str:
     # An AVI file states its size.
     if head[:4] == b'RIFF' and int.from_bytes(head[4:8], 'little') + 8 > size:
         return ', before its stated end'
-    if incomplete:
+    packets = head[:1] == head[_PACKET:] == _SYNC
+    if incomplete or (packets and size % _PACKET):
         return ', within a picture'
-    if head[:1] == head[_PACKET:] == _SYNC:
-        if size % _PACKET:
-            return ', within a picture'
+    if packets:
         # The last packet of a picture has an adaptation field (0x20), because stuffing bytes fill
         # the packet. Only one picture in 184 has a suitable length without stuffing.
         for start in range(len(tail) - _PACKET, -1, -_PACKET):
