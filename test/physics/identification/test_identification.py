@@ -162,7 +162,10 @@ def test_a_rotor_of_a_kicked_chain_that_is_mounted_backwards_is_named(name, befo
 def test_absent_joints_are_named_in_an_error_and_in_a_warning():
     rotors = [0, 1, 3, 5, 9]
     names = [NAMES[n] for n in rotors]
-    with pytest.raises(ValueError, match='no joint rotor_2, rotor_4, rotor_6, rotor_7 and 1 more'):
+    remedy = '; record all rotors, or number the joints without gaps'
+    with pytest.raises(
+        ValueError, match=f'^the recording has no joint rotor_2, .*7 and 1 more{remedy}$'
+    ):
         identify(Readings(TIMES, ordered(*rotors), names=names), Chain())
     numbered = [f'joint{2 * n}' for n in range(10)]
     found = identify(Readings(TIMES, READINGS, names=numbered), Chain())

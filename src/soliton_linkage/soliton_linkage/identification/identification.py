@@ -22,7 +22,12 @@ from soliton_linkage.identification.kicks import fit_around_kicks
 from soliton_linkage.identification.lengths import initial_lengths
 from soliton_linkage.identification.mass_scale import mass_scale
 from soliton_linkage.identification.motion_fit import MotionFit, MotionFitter
-from soliton_linkage.identification.mounting import absent_joints, check_unit
+from soliton_linkage.identification.mounting import (
+    NO_JOINT,
+    NotNeighboursError,
+    absent_joints,
+    check_unit,
+)
 from soliton_linkage.identification.readings import (
     Readings,
     informative_frames,
@@ -101,13 +106,16 @@ def identify(
     estimated. `progress` is called with the fraction of the work that is done [1].
     """
     absent = absent_joints(readings.joints)
+    gaps = NO_JOINT in absent
     try:
         found = _identified(readings, given, tolerance, spacing_known, Stages(progress))
     except ValueError as error:
         lasting = 0.0 if isinstance(error, IncompletePassage) else _duration_of_torques(readings)
         strained = _STRAINING.format(lasting) if lasting else ''
-        raise ValueError('; '.join(filter(None, (absent, str(error), strained)))) from error
-    warnings = *filter(None, [absent]), *length_warnings(found.chain), *found.warnings
+        named = '' if gaps and isinstance(error, NotNeighboursError) else str(error)
+        raise ValueError('; '.join(filter(None, (absent, named, strained)))) from error
+    lengths = [] if gaps else length_warnings(found.chain)
+    warnings = *filter(None, [absent]), *lengths, *found.warnings
     return replace(found, warnings=warnings)
 
 

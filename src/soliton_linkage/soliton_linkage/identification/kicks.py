@@ -57,6 +57,11 @@ _TRIED = 3
 """If no fit explains the readings yet, this number of possible kicks is tried [1]. The fit may be
 a local minimum, so that a later frame than that of the kick seems the most probable."""
 
+_NEAR = 1.2
+"""A fit without the frames near a kick continues from the previous fit if the noise of the latter
+is at most this times the reading noise [1]. Otherwise, the previous fit may be a local minimum,
+which the fit would leave only after many steps."""
+
 _Fitted = tuple[MotionFitter, MotionFit] | str
 _Windows = Sequence[FreeWindow]
 
@@ -77,7 +82,7 @@ def fit_around_kicks(
         times, doubtful = _possible_kicks(_without(some, kicks), fitted, noise)
         for time in times[: 1 if explained else _TRIED]:
             part = _without(some, [*kicks, time])
-            better = fit(part, _windows_without(some, fitted, time) if explained else ())
+            better = fit(part, _windows_without(some, fitted, time, noise))
             if _is_better(better, fitted, noise, bar_noise) and not (
                 doubtful and _encoder_fault(part, better)
             ):
@@ -112,8 +117,8 @@ def _encoder_fault(some: Readings, fitted: _Fitted) -> EncoderFault | None:
     )
 
 
-def _windows_without(some: Readings, fitted: _Fitted, time: float) -> _Windows:
-    if isinstance(fitted, str):
+def _windows_without(some: Readings, fitted: _Fitted, time: float, noise: float) -> _Windows:
+    if isinstance(fitted, str) or fitted[1].noise > _NEAR * noise:
         return ()
     ends = np.searchsorted(some.times, [time - _BEFORE_KICK, time + ARRIVAL]).tolist()
     return windows_around(fitted[1].windows, some.times, ends[0], ends[1], FEWEST_FRAMES)

@@ -84,8 +84,7 @@ NOISE_SCATTER = 2.3
 _MATRIX_FRAMES = 1000
 """Approximate number of frames used for matrices of normal equations; gradients use all frames."""
 _DAMPINGS = 12
-"""Largest number of damping factors that are tried for one step [1]; each is four times the
-previous one, and the last one is about 100."""
+"""Largest number of damping factors that are tried for one step [1]; the last is about 100."""
 _FASTEST = 100.0
 """A motion is rejected if `FreeMotion.fastest` times the frame interval exceeds this [1]."""
 _LONGEST_STEP = 1.0
@@ -94,8 +93,7 @@ _FAR = 5.0
 """After a step, the matrices are computed again if the decrease of -2 log likelihood that was
 expected in this step, divided by the number of unknowns, is larger than this [1]."""
 _SLOW = 0.5
-"""The matrices are also computed again if the expected decrease is larger than this times the
-expected decrease in the previous step [1]."""
+"""The matrices are also computed if the expected decrease exceeds this times the last one [1]."""
 _SHARES = 0.3, 0.55, 0.7, 0.8, 0.99
 """Fractions of the work that are done after each of five stages [1]: search for the initial
 stiffness, merging of windows, estimation of the tolerances, search for kicks, and samples."""
@@ -171,10 +169,10 @@ class MotionFitter:
         self._basis = observable_changes(motion, gravity_known)
 
     def fit(self, bar_noise: float, begun_well: bool = False) -> MotionFit | None:
-        """Fit a chain of springs to the readings; return None if rigid bars fit equally well.
+        """Fit springs to the readings; return None if bars, with noise `bar_noise` [rad], fit too.
 
-        `bar_noise` is the residual noise of the fit of bars [rad]. If `begun_well`, the chain of
-        the given windows fits the readings, so that its stiffness is not searched for.
+        If `begun_well`, the chain of the given windows fits the readings, and its stiffness is not
+        searched for.
         """
         show, (begun, merged, estimated, *_) = self._stages, _SHARES
         show.enter(0.0, begun)
@@ -221,10 +219,9 @@ class MotionFitter:
         """Return the decrease of -2 log likelihood if a kick is assumed, for each of K kicks [1].
 
         `kicks` contains two frame numbers for each kick. The frames before the first number and
-        the frames from the second number on have separate initial states. The frames between are
-        not used. The decrease is computed for a linearised fit. If one window ends, and the next
-        one begins, between the two numbers, they already have separate initial states. Then both
-        windows are fitted by one motion, and the decrease is the difference of the two fits.
+        the frames from the second number on have separate initial states. The decrease is computed
+        for a linearised fit. If windows already end and begin between the two numbers, they are
+        fitted by one motion, and the decrease is the difference of the two fits.
         Masses that differ before and after a frame imitate a kick. Therefore the prior deviation
         of the masses is at most `INITIAL_MASS_DEVIATION`, even if the fitted masses differ more.
         """
@@ -234,7 +231,7 @@ class MotionFitter:
         self._prior = replace(prior, mass_deviation=limited)
         known = dict(zip(map(id, found), self._found or self._equations(), strict=True))
         without = self._expected_decrease(list(known.values()))
-        gains, by_joining = [0.0] * len(kicks), dict[tuple[int, ...], float]()
+        gains, joined = [0.0] * len(kicks), dict[tuple[int, ...], float]()
         for n, (stage, frames) in enumerate(zip(pairwise(ends), kicks, strict=True)):
             self._stages.enter(*stage)
             self._windows = windows_around(found, times, *frames)
@@ -244,11 +241,10 @@ class MotionFitter:
             else:
                 self._windows = join_windows(found, *frames)
                 begins = tuple(window.frames.start for window in self._windows)
-                if len(begins) < len(found) and begins not in by_joining:
+                if len(begins) < len(found) and begins not in joined:
                     self._improve(_STEPS, _SAMPLED)
-                    decrease = self._cost(self._windows)[0] - self._cost(found)[0]
-                    by_joining[begins] = decrease + without
-                gains[n] = by_joining.get(begins, 0.0)
+                    joined[begins] = self._cost(self._windows)[0] - self._cost(found)[0] + without
+                gains[n] = joined.get(begins, 0.0)
             self._windows = found
         self._prior = prior
         return gains

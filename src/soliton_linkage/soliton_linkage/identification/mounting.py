@@ -45,10 +45,15 @@ _IMPASSABLE = 0.95
 """A bond is assumed to stop walls if its squared length, divided by the smallest squared length
 that lets a wall pass, is below this [1]. The exact limit is 1, but noise changes the ratio by
 0.03."""
-_MOST_NAMED = 4
-"""Largest number of absent joints that a message names [1]."""
+NO_JOINT = 'the recording has no joint'
+MOST_NAMED = 4
+"""Largest number of joints, or of possible causes, that a message names [1]."""
 _MOST_WRONG = 1 / 4
 """Wrong mountings are reported only if they concern at most this fraction of the rotors [1]."""
+
+
+class NotNeighboursError(ValueError):
+    """Error for successive joints that do not belong to neighbouring rotors."""
 
 
 class Mounting(NamedTuple):
@@ -143,13 +148,13 @@ def _is_better(some: Sequence[_Curve], others: Sequence[_Curve]) -> bool:
 
 
 def check_neighbours(readings: Array, names: Sequence[str]) -> None:
-    """Raise ValueError if successive joints do not belong to neighbouring rotors."""
+    """Raise NotNeighboursError if successive joints do not belong to neighbouring rotors."""
     curves = _curves(readings)
     strange = [n for n, curve in enumerate(curves) if curve.unlike_neighbours]
     if strange:
         n = strange[0]
         more = f' and {len(strange) - 1} more pairs' if len(strange) > 1 else ''
-        raise ValueError(
+        raise NotNeighboursError(
             f'{names[n]} and {names[n + 1]}{more} do not move like neighbours: rotors between '
             'them are missing, joints are not in the order of the rotors, or an encoder has a '
             'wrong zero or gain; record all rotors, name them from the first to the last, and '
@@ -172,18 +177,20 @@ def absent_joints(names: Sequence[str]) -> str:
     prefix, first = parts[0][0], min(numbers)
     texts = []
     if absent:
-        named = ', '.join(f'{prefix}{number}' for number in absent[:_MOST_NAMED])
-        more = f' and {len(absent) - _MOST_NAMED} more' if len(absent) > _MOST_NAMED else ''
-        texts.append(
-            f'the recording has no joint {named}{more}; record all rotors, or number the joints '
-            'without gaps'
-        )
+        named = listed([f'{prefix}{number}' for number in absent])
+        texts.append(f'{NO_JOINT} {named}; record all rotors, or number the joints without gaps')
     if first:
         texts.append(
             f'the first joint is {prefix}{first}; if the chain has a rotor before it, record all '
             'rotors'
         )
     return '; '.join(texts)
+
+
+def listed(names: Sequence[str]) -> str:
+    """Return the first names, and the number of the others."""
+    more = f' and {len(names) - MOST_NAMED} more' if len(names) > MOST_NAMED else ''
+    return f'{", ".join(names[:MOST_NAMED])}{more}'
 
 
 def _isolated(rotors: list[int], count: int) -> bool:
@@ -251,7 +258,7 @@ larger than this. In degrees, phi_n + phi_{n+1} is near 180, so that one of the 
 more."""
 _LARGEST_STAGGER = 0.2
 """Angles are consistent with a chain if the median of 1 + cos(phi_n + phi_{n+1}) over a frame is
-smaller than this [1]. If degrees are used as radians, the median is 0.4 or more."""
+smaller than this [1]. If degrees are used as radians, the median is about 0.4."""
 
 
 def check_unit(readings: Array) -> None:
@@ -267,9 +274,13 @@ def in_degrees(angles: Array) -> bool:
     return bool(
         np.isfinite(largest)
         and largest > _SMALLEST_IN_DEGREES
-        and _stagger(angles) > _LARGEST_STAGGER
-        and _stagger(np.deg2rad(angles)) < _LARGEST_STAGGER
+        and _stagger(np.deg2rad(angles)) < min(_stagger(angles), _LARGEST_STAGGER)
     )
+
+
+def in_radians(angles: Array, frame: Array) -> Array:
+    """Return angles in radians; they are in degrees if the readings of a frame, (N,), are."""
+    return np.deg2rad(angles) if in_degrees(frame) else angles
 
 
 def _stagger(angles: Array) -> float:

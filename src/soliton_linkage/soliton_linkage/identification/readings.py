@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from soliton_linkage.identification.mounting import listed
 from soliton_linkage.linkage.chain import Array, wrapped
 from soliton_linkage.linkage.gravity import NO_GRAVITY, Gravity
 
@@ -25,8 +26,6 @@ _FEWEST_ROTORS = 4
 """Smallest number of rotors, because bonds at the edges contain little information."""
 _LEAST_PRESENT = 0.5
 """Each rotor must have a reading in at least this fraction of the frames [1]."""
-_MOST_NAMED = 4
-"""Largest number of rotors that an error message names [1]."""
 _PAUSE = 1.0
 """Time that `join_recordings` leaves between two recordings [s]."""
 _SHORTEST = 30
@@ -92,11 +91,10 @@ class Readings:
         present = np.isfinite(self.angles)
         missing = np.flatnonzero(~(present.mean(axis=0) >= _LEAST_PRESENT))
         if missing.size:
-            named = ', '.join(names[n] for n in missing[:_MOST_NAMED])
-            more = ', ...' if missing.size > _MOST_NAMED else ''
+            named = listed([names[n] for n in missing])
             raise ValueError(
                 f'{missing.size} of {rotors} rotors are missing in half of the frames or more: '
-                f'{named}{more}; record all rotors, because bonds without them cannot close'
+                f'{named}; record all rotors, because bonds without them cannot close'
             )
         return interpolated(self.angles, self.times)
 

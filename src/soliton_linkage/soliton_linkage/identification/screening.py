@@ -341,6 +341,11 @@ def noise_of(readings: Array, relative_deviations: Array) -> float:
     return max(robust_deviation(sizes), rounding)
 
 
+def noise_by_rotor(readings: Array) -> Array:
+    """Return the noise of the readings, (T, N), of each rotor [rad], (N,); NaN if unknown."""
+    return np.array([noise_of(each, np.ones_like(each)) for each in readings.T[..., None]])
+
+
 def check_jumps(recording: Readings, noise: float) -> None:
     """Raise ValueError if readings of an inner rotor jump while its neighbours do not."""
     times, readings, deviations = recording.times, recording.filled, recording.relative_deviations
