@@ -135,6 +135,25 @@ def test_a_wall_keeps_its_velocity_when_another_wall_appears():
             assert abs(error) < 4 * kink.velocity_deviation < 0.2 * kink.velocity
 
 
+def test_a_deformed_kink_does_not_make_a_resting_anti_kink_less_certain():
+    chain, deviations = CHAINS['wobbler'], []
+    still = staggered(static_wall(chain, 30.3))[1:-1][::-1]
+    for apart in (0.0, 0.4):
+        rng = np.random.default_rng(1)
+        analyser = Analyser(replace(chain, number_of_rotors=2 * len(still)), NOISE)
+        for frame in range(80):
+            site = 20 + 0.02 * frame
+            walls = [staggered(static_wall(chain, site + way))[1:-1] for way in (-apart, apart)]
+            theta = np.concatenate([np.mean(walls, axis=0), still])
+            noise = NOISE * rng.standard_normal(len(theta))
+            found = analyser.analyse(frame * 4_000_000, staggered(theta) + noise)
+            assert found is not None
+        deviations.append([each.position_deviation for each in found.solitons])
+    (kink, anti_kink), (deformed, beside) = deviations
+    assert deformed > 1.5 * kink
+    assert beside < 1.2 * anti_kink
+
+
 class Run(NamedTuple):
     task: Collision
     times: Array

@@ -79,13 +79,16 @@ class ShapeMeasurementModel:
         self._share = {1: _SHARE, -1: _SHARE if chain.lean_ratio < 1 else 1.0}
         self._edge = 0 if chain.motion is Motion.SPINNER else 1
         self._domain = settings.walls.domain_bonds
-        self._residual = ResidualVariance(swing, noise, settings)
+        # Motion deforms a wall. Therefore, the residuals of kinks that move are no evidence about
+        # anti-kinks, which are often at rest.
+        self._residual = {charge: ResidualVariance(swing, noise, settings) for charge in (1, -1)}
         self.restart()
 
     def restart(self) -> None:
         """Discard the estimated noise and the residuals of the preceding frames."""
-        self._residual.restart()
-        self._residual.way = 0.0
+        for each in self._residual.values():
+            each.restart()
+            each.way = 0.0
 
     def measure(self, angles: Array, seen: Array) -> list[WallMeasurement]:
         """Return the measurements of all walls in a frame.
@@ -119,8 +122,10 @@ class ShapeMeasurementModel:
             first, view = self._linearise(theta, walls, wall)
             if self._explains(wall, first, view):
                 parts.append((wall, first, view))
-        if parts:
-            self._learn(parts)
+        for charge, residual in self._residual.items():
+            views = [(first, view) for wall, first, view in parts if wall.charge == charge]
+            if views:
+                self._learn(residual, views)
         return [self._measurement(wall, view) for wall, _, view in parts]
 
     def _linearise(
@@ -135,11 +140,13 @@ class ShapeMeasurementModel:
 
     @property
     def _variance(self) -> float:
-        return self._residual.of_rotor() if self._residual.frames else self._coarse
+        variances = [each.of_rotor() for each in self._residual.values() if each.frames]
+        return max(variances, default=self._coarse)
 
     def _explains(self, wall: _ShapeFit, first: int, view: LinearisedMeasurement) -> bool:
         """Return whether a fitted wall matches the rotors near it better than random angles do."""
-        likelihood, noise = self._likelihood, self._residual.noise.deviation
+        noise = max(each.noise.deviation for each in self._residual.values())
+        likelihood = self._likelihood
         return (
             view.likelihood - view.random >= self._evidence
             and likelihood.fits(view.residuals, first, wall.site, noise)
@@ -194,15 +201,19 @@ class ShapeMeasurementModel:
             found.append(_ShapeFit(shape, wall.charge, site, stretch, information))
         return found
 
-    def _learn(self, parts: list[tuple[_ShapeFit, int, LinearisedMeasurement]]) -> None:
+    def _learn(
+        self, residual: ResidualVariance, parts: list[tuple[int, LinearisedMeasurement]]
+    ) -> None:
         tangent, inlying = np.zeros((2, self._line.rotors))
-        for _, first, view in parts:
+        for first, view in parts:
             rotors = np.arange(first, first + len(view.tangent)) % self._line.rotors
             inlying[rotors] = view.inlying
-            tangent[rotors] = view.tangent / math.sqrt(max(view.information, LEAST_INFORMATION))
-        views = [view for *_, view in parts]
-        self._residual.frames += 1
-        self._residual.noise.update(
+            tangent[rotors] = view.tangent / math.sqrt(
+                max(view.full_information, LEAST_INFORMATION)
+            )
+        views = [view for _, view in parts]
+        residual.frames += 1
+        residual.noise.update(
             views[0]._replace(
                 first=0,
                 tangent=tangent,
@@ -213,7 +224,7 @@ class ShapeMeasurementModel:
         )
 
     def _measurement(self, wall: _ShapeFit, view: LinearisedMeasurement) -> WallMeasurement:
-        line, residual = self._line, self._residual
+        line, residual = self._line, self._residual[wall.charge]
         width = math.nan, math.nan
         clear = line.edge_distance(wall.site) >= 2 * line.width
         if self._shapes.stretches and clear and wall.stretch_information > 0:
