@@ -179,7 +179,7 @@ def _by_model(
     def fit_springs(
         part: Readings, windows: Sequence[FreeWindow]
     ) -> tuple[MotionFitter, MotionFit] | str:
-        return _fit_springs(part, windows, *inputs)
+        return _fit_springs(part, *inputs, begun=windows)
 
     fitted, kicks = fit_around_kicks(some, fit_springs, noise, max(found.noise, LEAST_NOISE))
     check_clear(fitted)
@@ -275,7 +275,6 @@ def _scaled(given: Chain, readings: Readings, gravity: float) -> Chain:
 
 def _fit_springs(
     some: Readings,
-    begun: Sequence[FreeWindow],
     residuals: Array,
     found: Adjustment,
     given: Chain,
@@ -283,6 +282,8 @@ def _fit_springs(
     tolerance: float | None,
     spacing_known: bool,
     stages: Stages,
+    *,
+    begun: Sequence[FreeWindow],
 ) -> tuple[MotionFitter, MotionFit] | str:
     """Return a fit of springs, or the reason if it fails, or '' if rigid bars fit equally well.
 
