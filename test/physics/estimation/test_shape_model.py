@@ -237,6 +237,7 @@ SHAPE_CHAINS = {
     'wobbler': Chain(81, rotor_length=0.1, rest_angle=0.77),
     'spinner': Chain(121, rotor_length=0.2, rest_angle=1.18),
     'pinned wobbler': Chain(81, rotor_length=0.083, rest_angle=1.247),
+    'long spinner': Chain(121, rotor_length=0.36, rest_angle=1.02),
 }
 EDGE = 5
 
@@ -263,11 +264,15 @@ def test_the_shape_of_a_kink_is_exact(name):
                 assert leaves_nothing(shapes.anti_kinks[0], image, last - site)
 
 
-def test_the_shape_of_an_anti_kink_of_flippers_is_exact():
-    chain, shapes = SHAPE_CHAINS['flipper'], WallShapes(SHAPE_CHAINS['flipper'])
+@pytest.mark.parametrize('name', ['flipper', 'long spinner'])
+def test_the_shape_of_an_anti_kink_that_is_not_pinned_is_exact(name):
+    chain, shapes = SHAPE_CHAINS[name], WallShapes(SHAPE_CHAINS[name])
     states = CubicSpline(*anti_kink_path(chain, 40.0))
     for site in (40.0, 40.33, 41.07, 41.5):
-        assert leaves_nothing(shapes.anti_kinks[0], staggered(states(site)), site)
+        theta = staggered(states(site))
+        assert leaves_nothing(shapes.anti_kinks[0], theta, site)
+        if chain.motion is Motion.SPINNER:
+            assert leaves_nothing(shapes.anti_kinks[1], np.roll(theta, 1), site + 1)
 
 
 @pytest.mark.parametrize('name', ['spinner', 'pinned wobbler'])
