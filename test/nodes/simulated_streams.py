@@ -76,6 +76,10 @@ class Stream:
         self._impulses.publish(kick_message())
         self.graph.until(lambda: len(self._delivered) == kicks, 'the kick')
 
+    def wait_for_motion(self) -> None:
+        """Wait until the rotors move faster than by rounding errors, which are 1e-14 rad/s."""
+        self.graph.until(lambda: max(map(abs, self.frames[-1].velocity)) > 1e-6, 'the motion')
+
     def number(self, frame: JointState) -> int:
         """Return which frame it is; its stamp is exactly that many periods after the chain's."""
         since = time_from_msg(frame.header.stamp) - self._epoch

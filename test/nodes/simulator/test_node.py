@@ -62,7 +62,7 @@ def test_torques_act_for_the_command_timeout_without_another_message(graph):
     stream = Stream(graph, {'command_timeout': 0.1})
     torques = graph.speak(interfaces.ROTOR_TORQUES)
     torques.publish(torque_message())
-    graph.until(lambda: any(stream.frames[-1].velocity), 'the motion')
+    stream.wait_for_motion()
     stream.grow(60)
     began, ended = stream.explain([hold, let_go])
     assert ended - began == round(0.1 * RATE)

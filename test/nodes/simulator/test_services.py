@@ -58,7 +58,7 @@ def test_a_reset_forgets_commands_but_not_the_time(graph):
     impulses = graph.speak(interfaces.ROTOR_IMPULSES)
     torques = graph.speak(interfaces.ROTOR_TORQUES)
     torques.publish(torque_message())
-    graph.until(lambda: any(stream.frames[-1].velocity), 'the motion')
+    stream.wait_for_motion()
     stream.pause()
     impulses.publish(kick_message())
     graph.until(lambda: stream.node.control.status.pending, 'the kick')

@@ -143,7 +143,7 @@ def test_cancel_holds_the_soliton_and_release_frees_it(graph):
     ended = bench.result(handle)
     assert (ended.status, ended.result.outcome) == (GoalStatus.STATUS_CANCELED, Result.CANCELLED)
     stopped = ended.result.rotor
-    assert 1 < stopped < 5
+    assert 1 < stopped < 6
     bench.after(100)
     assert bench.place == pytest.approx(stopped, abs=0.1)
     graph.until(lambda: bench.message.startswith('holding the soliton'), 'a steering that holds')

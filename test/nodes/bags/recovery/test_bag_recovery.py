@@ -232,7 +232,10 @@ def test_definitions_are_repeated_so_that_the_first_may_be_lost(tmp_path, monkey
     damaged = bytearray(whole[:end_of_data])
     damaged[whole.index(sent[0][2])] ^= 1
     data.write_bytes(damaged)
-    assert rescued(data) == sent[4:]
+    # The chunk that begins with the first definitions is lost as a whole.
+    left = rescued(data)
+    assert 0 < len(left) < len(sent)
+    assert left == sent[-len(left) :]
 
 
 @pytest.mark.parametrize('content', [b'', b'no bag', bytes(5000)])
