@@ -144,15 +144,16 @@ end_process(3)
 """
 
 
-WRONG_NODE = """
+START = """
 import atexit, weakref
 from rclpy.node import Node
+from soliton_linkage_nodes.programs.command_line import ros_client
 from soliton_linkage_nodes.runtime.process import run_together
 
 nodes = []
 
 class Wrong(Node):
-    def __init__(self):
+    def __init__(self, *_):
         super().__init__('wrong')
         nodes.append(weakref.ref(self))
         self.create_timer(1.0, self.act)
@@ -162,9 +163,13 @@ class Wrong(Node):
         pass
 
 atexit.register(lambda: print('destroyed' if nodes[0]() is None else 'alive', end=''))
-run_together([Wrong], ['wrong'])
 """
-WRONG_CLIENT = """
+WRONG_NODE = f"{START}run_together([Wrong], ['wrong'])"
+WRONG_CLIENT = f"""{START}
+with ros_client('client', Wrong):
+    pass
+"""
+FAILING_CLIENT = """
 from rclpy.node import Node
 from soliton_linkage_nodes.programs.command_line import ros_client
 
@@ -178,7 +183,9 @@ with ros_client('client', lambda stopping: Client('client')):
 """
 
 
-@pytest.mark.parametrize('code', [WRONG_NODE, WRONG_CLIENT], ids=['node', 'client'])
+@pytest.mark.parametrize(
+    'code', [WRONG_NODE, WRONG_CLIENT, FAILING_CLIENT], ids=['node', 'client', 'block']
+)
 def test_after_an_error_the_node_is_destroyed_before_the_process_ends(graph, code):
     """Otherwise threads of the middleware run on while the process ends, and can crash it."""
     ended = subprocess.run(

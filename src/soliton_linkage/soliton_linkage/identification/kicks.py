@@ -55,7 +55,7 @@ vanishes at rest, the divisor is at least this times the root mean square speed 
 
 _TRIED = 3
 """If no fit explains the readings yet, this number of possible kicks is tried [1]. The fit may be
-a local minimum, so that a later frame than that of the kick seems the most probable."""
+a local minimum. Then a frame after the kick often seems the most probable."""
 
 _NEAR = 1.2
 """A fit without the frames near a kick continues from the previous fit if the noise of the latter

@@ -4,11 +4,13 @@
 from __future__ import annotations
 
 import argparse
+import gc
 import math
 import re
 import sys
 import threading
 import time
+import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -108,7 +110,13 @@ def ros_client(program: str, create: Callable[[threading.Event], Client]) -> Ite
     try:
         with exit_on_failure(program):
             initialise()
-            client = create(stopping)
+            try:
+                client = create(stopping)
+            except ValueError as error:
+                # The node whose constructor has failed is part of reference cycles.
+                traceback.clear_frames(error.__traceback__)
+                gc.collect()
+                raise
             try:
                 yield client
             finally:
