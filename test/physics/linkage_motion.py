@@ -1,15 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Walls at rest, the truth that tests compare with.
+"""Walls at rest and the motion of the chain with rigid bars, the truth that tests compare with.
 
 A wall at rest is built bar by bar: each rotor hangs on its neighbour by a bar of length lbar,
-on one of two sides, and away from the wall errors die out.
+on one of two sides, and away from the wall errors die out. The bars of a moving linkage keep
+their length because its motion follows the zero mode, phi' = t(phi) with |t| = 1.
 """
 
 import math
 
 import numpy as np
+from scipy.integrate import solve_ivp
 
+from soliton_linkage.linear.rigidity import zero_mode
 from soliton_linkage.linkage.chain import Array, Chain, Motion, wrapped
+
+TOLERANCE = 1e-10
 
 
 def wall_between(chain: Chain, rotor: int, turned: bool = False, crossed: bool = False) -> Array:
@@ -50,6 +55,20 @@ def _hung(chain: Chain, angle: float, offset: float, side: int) -> float:
     distance = math.hypot(h, v)
     cosine = (distance**2 + r**2 - chain.rest_length**2) / (2 * distance * r)
     return math.atan2(h, v) + side * math.acos(min(max(cosine, -1), 1))
+
+
+def rigid_motion(chain: Chain, start: Array, arcs: Array, sense: float = 1.0) -> Array:
+    """Angles after the given arc lengths along the zero mode [rad], shape (len(arcs), N)."""
+    solution = solve_ivp(
+        lambda _, angles: sense * zero_mode(chain, angles),
+        (0, arcs[-1]),
+        start,
+        method='DOP853',
+        t_eval=arcs,
+        rtol=TOLERANCE,
+        atol=TOLERANCE,
+    )
+    return np.ascontiguousarray(solution.y.T)
 
 
 def distance(angles: Array, others: Array) -> Array:

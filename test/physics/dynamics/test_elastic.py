@@ -17,6 +17,7 @@ from soliton_linkage.solitons.tanh_fit import find_solitons
 
 MOVING = ((FLIPPER, 0.1), (STRONG_WOBBLER, 0.03), (SPINNER, 0.3))
 DURATION = 60
+UNLIMITED = ElasticSettings(longest_step=math.inf)
 
 
 def nudged(
@@ -34,6 +35,32 @@ def nudged(
 
 def moved(chain: Chain, angles: Array, rates: Array, tolerance: float = 1e-9) -> Recording:
     return simulate(chain, angles, rates, DURATION * chain.time_unit, chain.time_unit, tolerance)
+
+
+def energies(chain: Chain, recording: Recording) -> Array:
+    return chain.elastic_energy(recording.angles) + chain.kinetic_energy(recording.rates)
+
+
+@pytest.mark.parametrize(('example', 'speed'), MOVING)
+def test_energy_and_path_are_as_exact_as_the_tolerance_asks(example, speed):
+    chain, angles, rates = nudged(example, speed)
+    exact = moved(chain, angles, rates, 1e-13)
+    tolerances = 10.0 ** -np.arange(3, 12)
+    drifts, errors = [], []
+    for tolerance in tolerances:
+        given = chain, angles, rates, chain.time_unit, float(tolerance)
+        simulation = ElasticSimulation(*given, integrator='DOP853', settings=UNLIMITED)
+        recording = simulation.record(DURATION * chain.time_unit)
+        energy = energies(chain, recording)
+        drifts.append(np.abs(energy - energy[0]).max() / energy[0])
+        errors.append(np.abs(recording.angles - exact.angles).max())
+    # A step of about a time unit may be off by the tolerance, and nothing here is unstable.
+    assert (errors <= DURATION * tolerances).all()
+    # An angle off by e lets speeds be off by e per time unit, and the energy by twice that share.
+    norm = float(np.linalg.norm(rates)) * chain.time_unit
+    assert (drifts <= 2 * DURATION * tolerances / norm).all()
+    for order in np.polyfit(np.log(tolerances), np.log([errors, drifts]).T, 1)[0]:
+        assert order == pytest.approx(1, abs=0.1)
 
 
 def test_frames_at_two_periods_agree_at_the_instants_that_they_share():
@@ -99,6 +126,26 @@ def test_the_drift_is_the_share_of_energy_that_nothing_accounts_for():
     assert simulation.energy_drift == pytest.approx(3 / 4, rel=8 * EPS)
     assert ElasticSimulation(chain, angles).energy_drift == 0 or np.any(
         chain.spring_extensions(angles) != 0
+    )
+
+
+def test_a_rotor_of_a_chain_with_slack_springs_is_accelerated_evenly():
+    chain = Chain(3, stiffness=1e-9)
+    torque = 1e-4 * np.array([1.0, 0.0, -2.0])
+    simulation = ElasticSimulation(chain, chain.uniform_state(-1), period=0.25)
+    for _ in range(4):
+        simulation.advance()
+    simulation.hold(torque)
+    for _ in range(8):
+        simulation.advance()
+    simulation.hold(0 * torque)
+    for _ in range(4):
+        simulation.advance()
+    acceleration = torque / chain.moment_of_inertia
+    assert simulation.rates == pytest.approx(2 * acceleration, rel=1e-6, abs=1e-4)
+    travelled = acceleration * (2**2 / 2 + 2 * 1)
+    assert simulation.angles - chain.uniform_state(-1) == pytest.approx(
+        travelled, rel=1e-6, abs=1e-4
     )
 
 

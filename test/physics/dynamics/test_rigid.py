@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from chains import CLASSES, EPS, EXAMPLES, FLIPPER, SPINNER, chain_of
 from deviating_chains import deviating
-from linkage_motion import distance, wall_between
+from linkage_motion import distance, rigid_motion, wall_between
 from scipy.integrate import solve_ivp
 
 from soliton_linkage.dynamics.elastic import ElasticSimulation
@@ -190,6 +190,39 @@ def test_damping_dissipates_the_stated_energy(example):
     assert simulation.dissipated > 0.1 * float(power[0])
     assert simulation.energy + simulation.dissipated == pytest.approx(total, rel=64 * EPS)
     assert abs(simulation.energy_drift) <= 32 * EPS
+
+
+@pytest.mark.parametrize('example', CLASSES)
+def test_the_books_stay_exact_through_commands_in_a_damped_chain(example):
+    chain = deviating(dataclasses.replace(chain_of(example, 6), damping=1e-5), 5, 0.02)
+    simulation = pushed(chain, tolerance=1e-7, gravity=TILTED)
+    for turn in range(6):
+        for _ in range(5):
+            simulation.advance()
+            assert abs(simulation.energy_drift) <= 64 * EPS
+            assert stretch(simulation) <= 1e-12
+        dissipated, angles = simulation.dissipated, simulation.angles
+        simulation.kick(1e-2 * (-1) ** turn * TORQUES)
+        simulation.hold(turn * TORQUES)
+        simulation.set_gravity(Gravity(2.0 * turn, 0.3 * turn))
+        assert simulation.dissipated == dissipated > 0
+        assert simulation.angles is angles
+        assert abs(simulation.energy_drift) <= 64 * EPS
+
+
+@pytest.mark.parametrize('example', CLASSES)
+def test_even_damping_slows_the_closed_orbit_exponentially(example):
+    bare = chain_of(example, 5)
+    decay = 2.0
+    chain = dataclasses.replace(bare, damping=decay * bare.moment_of_inertia)
+    recording = pushed(chain, period=0.125, tolerance=1e-10).record(2.0)
+    rates = np.linalg.norm(recording.rates, axis=1)
+    assert rates == pytest.approx(3 * np.exp(-decay * recording.times), rel=1e-7)
+    arcs = 3 * (1 - np.exp(-decay * recording.times)) / decay
+    start = chain.uniform_state(-1)
+    sense = float(np.sign(zero_mode(chain, start) @ mode_towards_last(chain, start)))
+    expected = rigid_motion(chain, start, arcs, sense)
+    assert recording.angles == pytest.approx(expected, rel=0, abs=1e-7)
 
 
 @pytest.mark.parametrize('example', CLASSES)

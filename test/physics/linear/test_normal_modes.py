@@ -27,6 +27,7 @@ from soliton_linkage.linear.rigidity import (
     dynamical_matrix,
     mode_towards_last,
     rigidity_bands,
+    rigidity_matrix,
     zero_mode,
 )
 from soliton_linkage.linear.statics import rest_state, unstretched
@@ -149,6 +150,16 @@ def test_shapes_are_orthonormal_eigenvectors_and_the_slowest_is_the_zero_mode(ch
 
 
 @pytest.mark.parametrize(('chain', 'angles'), RELAXED)
+def test_energies_of_modes_add_up_to_that_of_the_linearised_springs(chain, angles):
+    displacement, rates = random_motion(chain)
+    energies = mode_energies(normal_modes(chain, angles), displacement, rates)
+    stretches = rigidity_matrix(chain, angles) @ displacement
+    expected = 0.5 * chain.stiffnesses @ stretches**2 + chain.kinetic_energy(rates)
+    assert energies.sum() == pytest.approx(expected, rel=200 * EPS)
+    assert (energies >= 0).all()
+
+
+@pytest.mark.parametrize(('chain', 'angles'), RELAXED)
 def test_energies_of_phonons_add_up_to_the_whole_to_third_order(chain, angles):
     sizes = np.array([4e-4, 2e-4, 1e-4])
     errors = []
@@ -167,6 +178,24 @@ def test_a_nudge_along_the_zero_mode_gives_no_energy_to_phonons(chain, angles):
     assert phonon_energy(chain, angles, rates) <= 1e-20 * whole
     _, energies = phonon_energies(chain, angles, rates)
     assert energies[0] == pytest.approx(whole, rel=100 * EPS)
+
+
+@pytest.mark.parametrize(('chain', 'angles'), RELAXED)
+def test_a_mode_vibrates_at_its_frequency_up_to_second_order(chain, angles):
+    modes = normal_modes(chain, angles)
+    number = chain.number_of_rotors // 2
+    shape, omega = modes.shapes[:, number], modes.frequencies[number]
+    shape = shape / np.abs(shape).max()
+    period = 2 * np.pi / omega / 16
+    sizes = np.array([2e-4, 1e-4])
+    errors = []
+    for size in sizes:
+        start = angles + size * shape
+        motion = simulate(chain, start, 0 * start, 40 * period, period, 1e-13)
+        expected = angles + size * np.cos(omega * motion.times)[:, None] * shape
+        errors.append(np.abs(motion.angles - expected).max())
+    assert math.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.1)
+    assert errors[1] < 0.05 * sizes[1]
 
 
 def test_a_slow_wall_keeps_energy_out_of_its_zero_mode_as_the_fourth_power_of_its_speed():

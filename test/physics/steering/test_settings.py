@@ -3,6 +3,7 @@
 
 from dataclasses import fields, replace
 
+import numpy as np
 import pytest
 from chains import FLIPPER
 from driven_walls import PERIOD, ROTORS, move_to, rigid_loop
@@ -45,3 +46,25 @@ def test_the_settings_of_durations_change_the_time_of_a_move():
     assert longer - usual == pytest.approx(10 / b, abs=3 * PERIOD)
     restful = time_of_move(replace(DEFAULTS, settling_time=6.0))
     assert restful - usual == pytest.approx(3 / b, abs=3 * PERIOD)
+
+
+def test_a_wall_is_lost_beyond_max_error():
+    # An impulse that displaces the wall by half a spacing.
+    for largest, held in ((1.0, True), (0.25, False)):
+        settings = replace(DEFAULTS, max_error=largest, max_restarts=0)
+        loop, wall = rigid_loop(FLIPPER, 4.0, settings)
+        move_to(loop, 5.0)
+        wall.rate = 6.0
+        loop.go_on(2.0)
+        assert loop.steering.holding is held
+
+
+def test_frames_may_be_missing_for_the_detection_timeout():
+    for timeout, held in ((0.1, False), (0.4, True)):
+        loop, _ = rigid_loop(FLIPPER, 4.0, replace(DEFAULTS, detection_timeout=timeout))
+        move_to(loop, 5.0)
+        for _ in range(25):
+            loop.steering.observe(loop.time, np.full(ROTORS, np.nan))
+            loop.steering.torques()
+            loop.frames += 1
+        assert loop.steering.holding is held

@@ -26,6 +26,7 @@ from soliton_linkage.linear.normal_modes import phonon_energy
 from soliton_linkage.linear.statics import unstretched
 from soliton_linkage.linkage.chain import Array, Chain
 from soliton_linkage.linkage.deviations import drawn_deviations
+from soliton_linkage.linkage.gravity import Gravity
 from soliton_linkage.orbit.deviating_orbit import orbit_of
 from soliton_linkage.orbit.orbit import Orbit
 from soliton_linkage.steering.reference_trajectory import bandwidth
@@ -36,8 +37,11 @@ from soliton_linkage.steering.torque_allocation import TorqueAllocation
 NOISE = 0.01
 
 
-def spring_wall(chain: Chain, angles: Array) -> SpringWall:
-    return SpringWall(ElasticSimulation(chain, angles, period=PERIOD, tolerance=1e-7))
+def spring_wall(chain: Chain, angles: Array, gravity: float = 0.0) -> SpringWall:
+    field = Gravity(gravity, 0.3)
+    return SpringWall(
+        ElasticSimulation(chain, angles, period=PERIOD, tolerance=1e-7, gravity=field)
+    )
 
 
 def place_of(orbit: Orbit, angles: Array) -> float:
@@ -71,6 +75,17 @@ def test_a_wall_among_springs_reaches_the_goal_without_phonons(example, start, g
     held_within(loop, goal, 0.01)
     left = phonon_energy(orbit.chain, wall.simulation.angles, wall.simulation.rates)
     assert left < 1e-6 * fastest
+
+
+@pytest.mark.parametrize('example', [FLIPPER, SPINNER])
+def test_a_wall_is_held_against_gravity(example):
+    orbit = uniform_orbit(example, ROTORS)
+    wall = spring_wall(orbit.chain, orbit.configuration(orbit.arc_at(3.0, 0)), gravity=1.0)
+    loop = Loop(steering_of(orbit), wall)
+    loop.go_on(0.04)
+    move_to(loop, 5.0)
+    held_within(loop, 5.0, 0.02)
+    assert np.abs(loop.steering.torques()).max() > 1e-5
 
 
 @pytest.mark.parametrize('example', CLASSES)
