@@ -115,8 +115,11 @@ def test_the_reported_work_equals_the_change_of_the_energy(graph, name):
         rig.say(*COMMANDS[name])
         kick = rig.next_kick()
         gained = rig.energy - before
-        # What the solver gains or loses in a few hundred steps is below 1e-8 of the energy.
-        assert kick.work == pytest.approx(gained, rel=1e-8, abs=1e-13)
+        # What the solver gains or loses in a few hundred steps is below 1e-8 of the energy that is
+        # exchanged. An imposed oscillation takes most of this energy back in every half cycle.
+        swing = 2 * COMMANDS[name][1].value if name == 'angle' else 0.0
+        exchanged = max(abs(gained), kick.peak_torque * swing)
+        assert kick.work == pytest.approx(gained, rel=0, abs=1e-8 * exchanged + 1e-13)
         assert abs(gained) > 1e-7
         assert kick.measured
         # On a busy machine the torques that impose an angle are late and then saturate.

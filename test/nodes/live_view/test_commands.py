@@ -2,13 +2,16 @@
 import asyncio
 import math
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
+from soliton_linkage_msgs.msg import LastKick
 from soliton_linkage_nodes.live_view.chain_topics import ChainFinder
 from soliton_linkage_nodes.live_view.commands import ChainCommands
 from soliton_linkage_nodes.live_view.moves import Move
+from soliton_linkage_nodes.runtime import interfaces
 
 ACTIONS: dict[str, Callable[[ChainCommands], Any]] = {
     'nudge': lambda commands: commands.nudge(1.0),
@@ -46,6 +49,26 @@ def test_a_command_without_a_receiver_is_rejected_with_a_remedy(graph):
         ):
             done(ACTIONS[name], commands)
         commands.close()
+
+
+def test_a_late_report_of_another_command_is_not_the_answer(graph):
+    chain = SimpleNamespace(kick=None, kicks=0)
+    finder = SimpleNamespace(chains={'/': chain}, reports={})
+    commands = ChainCommands(graph.user, '/', False, finder)
+    heard = graph.hear(interfaces.NUDGE)
+    graph.until(lambda: commands.subscribers('nudge'), 'the subscriber')
+
+    async def act() -> str:
+        sent = asyncio.create_task(commands.nudge(1.0))
+        for source in ('/edge_command', '/edge_command, /nudge'):
+            await asyncio.sleep(0.1)
+            assert not sent.done()
+            chain.kick, chain.kicks = LastKick(source=source, name=[source]), chain.kicks + 1
+        return await sent
+
+    assert '/nudge' in asyncio.run(act())
+    graph.until(lambda: heard, 'the nudge')
+    commands.close()
 
 
 def test_progress_is_the_completed_fraction_of_the_distance():

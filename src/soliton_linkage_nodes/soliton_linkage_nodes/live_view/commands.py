@@ -358,7 +358,7 @@ class ChainCommands:
                 if rejection := _new_rejection(before, report, topic):
                     raise ValueError(f'edge_actuator rejected the command: {rejection}')
                 chain = self._chain
-                if chain and chain.kick and chain.kicks > kicks:
+                if chain and chain.kicks > kicks and topic in views.topics_of(chain.kick):
                     return views.describe_kick(chain.kick)
                 if not lasting and time.monotonic() < sent_at + _ACCEPTED_TIME:
                     return None

@@ -212,6 +212,11 @@ def step_request(periods: float) -> Step.Request:
     return Step.Request(periods=int(periods))
 
 
+def topics_of(kick: msg.LastKick | None) -> set[str]:
+    """Return the topics of the commands of a kick, without their namespaces."""
+    return {each.rpartition('/')[2] for each in kick.source.split(', ')} if kick else set()
+
+
 def describe_kick(kick: msg.LastKick) -> str:
     """Describe the effect of a kick. Raises ValueError if the kick was not executed."""
     if kick.cut_short and not kick.name:

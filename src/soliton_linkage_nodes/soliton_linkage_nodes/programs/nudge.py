@@ -22,6 +22,7 @@ from soliton_linkage_nodes.messages.view_conversions import (
     NodeReport,
     describe_kick,
     reports_from_msg,
+    topics_of,
 )
 from soliton_linkage_nodes.programs import command_line
 from soliton_linkage_nodes.runtime import interfaces
@@ -116,8 +117,7 @@ class NudgeClient(WaitingNode):
     def _answer(self) -> LastKick | None:
         topic = self._nudges.topic_name.rpartition('/')[2]
         for kick in self._kicks:
-            sources = {source.rpartition('/')[2] for source in kick.source.split(', ')}
-            if sources & {topic, interfaces.NUDGE.name}:
+            if topics_of(kick) & {topic, interfaces.NUDGE.name}:
                 return kick
         return None
 

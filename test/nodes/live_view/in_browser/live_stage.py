@@ -216,6 +216,11 @@ class Visit:
         """Wait until the answer to an action contains a text."""
         self.wait(f'live.answers.log.some((answer) => answer.includes({text!r}))')
 
+    def tells_effect(self, text: str) -> None:
+        """Wait for the effect of a command, or for its acceptance if the effect is late."""
+        texts = ', '.join(map(repr, (text, 'edge_actuator accepted it')))
+        self.wait(f'live.answers.log.some((answer) => [{texts}].some((t) => answer.includes(t)))')
+
     def text(self, name: str) -> str:
         return self.page.locator(f'#live-{name}').inner_text()
 

@@ -48,7 +48,7 @@ def test_a_rotor_follows_the_pull_until_it_is_released(at_rest, view, stage, by)
         visit.page.mouse.up()
     else:
         visit.page.keyboard.up('ArrowDown')
-    visit.answers('torques on rotor_5 for ')
+    visit.tells_effect('torques on rotor_5 for ')
     until(lambda: kicks, 'the report of the torques')
     assert kicks[-1].source.endswith('joint_commands')
     until(lambda: not any(torques[-1].effort), 'the end of the torques')
@@ -65,7 +65,7 @@ def test_a_rejected_nudge_is_shown_with_the_reason_of_the_actuator(at_rest, view
     assert not kicks
     visit.fill('speed', 3)
     visit.click('nudge')
-    visit.answers('a kick of 3 rad/s at the ')
+    visit.tells_effect('a kick of 3 rad/s at the ')
     until(lambda: kicks, 'the kick')
     assert kicks[-1].command.value == 3.0
     assert '1000' not in visit.text('answer')
@@ -103,10 +103,7 @@ def test_a_sine_burst_is_sent_from_the_slider_with_the_phonon_band(at_rest, view
     until(lambda: kicks, 'the report of the burst')
     assert kicks[-1].command.kind == EdgeCommand.WAVEFORM
     assert kicks[-1].peak_torque == pytest.approx(0.002, rel=0.2)
-    # A report of the actuator may arrive before the waveform ends.
-    visit.wait(
-        'live.answers.log.some((text) => text.includes("accepted") || text.includes("rotor_0"))'
-    )
+    visit.tells_effect('rotor_0')
 
 
 def test_the_slider_changes_the_motors_of_the_running_simulator(at_rest, view):

@@ -66,10 +66,7 @@ def test_a_pull_releases_the_held_soliton(at_rest, view, stage):
     torques = stage.record(interfaces.ROTOR_TORQUES)
     until(lambda: torques and any(torques[-1].effort), 'the torque of the pull')
     visit.page.mouse.up()
-    # A report of the actuator may arrive before the torques end.
-    visit.wait(
-        'live.answers.log.some((text) => text.includes("accepted") || text.includes("rotor_9"))'
-    )
+    visit.tells_effect('rotor_9')
     assert not view.commands('/').holding
 
 
