@@ -35,9 +35,9 @@ from soliton_linkage.linkage.chain import Array, Motion, staggered
 
 _SHARE = 0.25
 """Assumed standard deviation of the arc length due to persistent residuals, divided by the rms of
-these residuals [1], if the shape of the wall is exact. In simulations of two and four walls, it is
-between 0.05 and 0.5. Sensitivity: at 0.3x, the errors of fast walls are up to 2.4 times the stated
-standard deviations; at 4x, they are 0.2 to 0.5 times the stated standard deviations."""
+these residuals [1]. In simulations of two and four walls, it is between 0.05 and 0.5. Sensitivity:
+at 0.3x, the errors of fast walls are up to 2.4 times the stated standard deviations; at 4x, they
+are 0.2 to 0.5 times the stated standard deviations."""
 _SCAN_BESIDE = 1.5
 """A scan extends this far to either side of a domain border [rotor spacings]."""
 
@@ -75,8 +75,6 @@ class ShapeMeasurementModel:
         self._evidence = -math.log(likelihood.false_alarms)
         self._largest = (likelihood.field_share * swing) ** 2 + likelihood.largest_noise**2
         self._bound, self._coarse = likelihood.bound, (SCAN_DEVIATION * swing) ** 2
-        # The shapes of kinks, and of anti-kinks of flippers, are exact at all sites.
-        self._share = {1: _SHARE, -1: _SHARE if chain.lean_ratio < 1 else 1.0}
         self._edge = 0 if chain.motion is Motion.SPINNER else 1
         self._domain = settings.walls.domain_bonds
         # Motion deforms a wall. Therefore, the residuals of kinks that move are no evidence about
@@ -238,7 +236,7 @@ class ShapeMeasurementModel:
             deviation=math.sqrt(variance),
             charge=wall.charge,
             width=width,
-            bias=residual.persistent_error(self._share[wall.charge]) / self._arc**2,
+            bias=residual.persistent_error(_SHARE) / self._arc**2,
             pinning=self._pinning[wall.charge],
             rest=self._rest[wall.charge],
             residual=residual,

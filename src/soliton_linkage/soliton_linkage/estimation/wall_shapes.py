@@ -1,11 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Shapes of walls at rest, as tables of staggered angles, and compiled fits of these shapes.
 
-Kinks are computed exactly. So are anti-kinks of spinners, and of flippers whose lean ratio d = 2 r
-sin(theta_bar) / a is below 1, with the rotor length r, the rest angle theta_bar and the rotor
-spacing a. Many spinners and some wobbling flippers have pinned anti-kinks, which rest only at
-certain sites; their shapes are computed at such a site. All other anti-kinks have the shape of the
-mirrored kink, which is exact in the continuum limit.
+Kinks and anti-kinks are computed exactly, at all sites. Many spinners and some wobbling flippers
+have pinned anti-kinks, which rest only at certain sites; their shapes are computed at such a site.
 
 The arguments `theta` are staggered angles of successive rotors [rad], NaN if unknown, and `first`
 is the index of the first one of these rotors.
@@ -312,14 +309,11 @@ class WallShapes:
         """Shapes of anti-kinks, computed at the first use because the computation is slow."""
         if self._path is None:
             return self._pinned()
-        if self.chain.motion is Motion.SPINNER or self.chain.lean_ratio < 1:
-            shape = self._sampled(CubicSpline(*self._path)(self._sites))
-            if self.chain.motion is not Motion.SPINNER:
-                return (shape,)
-            # The even rotors of a spinner may turn in either direction.
-            return shape, self._shape(shape.table.angles[[1, 0, 3, 2]])
-        mirrored = np.array([[1.0], [1.0], [-1.0], [-1.0]])
-        return (self._shape(np.ascontiguousarray(self.kinks[0].table.angles[:, ::-1] * mirrored)),)
+        shape = self._sampled(CubicSpline(*self._path)(self._sites))
+        if self.chain.motion is not Motion.SPINNER:
+            return (shape,)
+        # The even rotors of a spinner may turn in either direction.
+        return shape, self._shape(shape.table.angles[[1, 0, 3, 2]])
 
     @cached_property
     def _path(self) -> tuple[Array, Array] | None:
