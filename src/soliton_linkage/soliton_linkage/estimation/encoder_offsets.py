@@ -15,6 +15,7 @@ both sides of the wall, and cannot be separated from o.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -217,10 +218,12 @@ class FarFieldResiduals:
             self.disorder = self._block_disorder(variance)
         return self._frames == self._settings.block
 
-    def learn(self, sign: int, variance: float) -> None:
+    def learn(self, sign: int, variance: float) -> Iterator[None]:
         """Update the offsets with the mean residuals of the full block, and start a new block.
 
         `sign` is -1 if the chain is upside down, else 1; `variance` is the noise variance [rad^2].
+        The work is divided into three steps, so that no frame takes all of it. The first step
+        updates the offsets.
         """
         offsets, given = self._offsets, self._settings
         sides = self._sides()
@@ -239,28 +242,30 @@ class FarFieldResiduals:
         seen_twice = far & np.isfinite(changed)
         self._changes += seen_twice
         squares = np.where(seen_twice, changed**2 / 2, self._unsteady)
-        self._unsteady += (squares - self._unsteady) / np.clip(self._changes, 1, _FEWEST_MEANS)
+        self._unsteady += (squares - self._unsteady) / np.minimum(
+            np.maximum(self._changes, 1), _FEWEST_MEANS
+        )
         # The residual of an oscillating rotor changes from block to block; an offset does not.
         unsteady = np.maximum(self._unsteady - 4 * noise, 0.0)
         beside = np.abs(means) - speed**2 if inside else self._beside
         self._beside = np.where(sides == 0, beside, 0.0)
         changed[np.isnan(innovations)] = np.nan
         first, self._first = self._first, False
+        correlated = max(_WAVE_TIME * self._time_unit / self._time, 1.0)
+        self.restart()
         if _trimmed_mean(innovations[known] ** 2) > strong:
             both = changed[np.isfinite(changed)]
             # Waves change from block to block; residuals due to deviating rotors do not.
             if not len(both) or _trimmed_mean(both**2) >= strong:
                 if not first:
                     self.disorder = self._persistent_disorder()
-                self.restart()
                 return
             self._uneven = True
         excess = np.maximum(np.abs(innovations[known]) - predicted[known], 0.0)
         waves = max(robust_deviation(excess) ** 2 - noise, 0.0)
-        correlated = max(_WAVE_TIME * self._time_unit / self._time, 1.0)
         noise += waves * correlated
         # If most rotors seem to have an offset, deviations of rotors and springs are the cause.
-        passed = (offsets.weights > 0).all(axis=0)
+        passed = offsets.weights[0] * offsets.weights[1] > 0
         typical = robust_deviation(np.abs(offsets.values[passed]))
         persistent = typical**2
         strange = np.abs(innovations) > given.significance * (predicted + math.sqrt(noise))
@@ -269,6 +274,7 @@ class FarFieldResiduals:
         offsets.update(means, sides, noise + unsteady * correlated, persistent)
         if self._uneven:
             offsets.corrections[:] = 0.0
+        yield
         # A wrong correction of a rotor near a slow wall shows as a residual of opposite sign.
         left, size = means - offsets.corrections, np.abs(offsets.corrections)
         against = (sides == 0) & inside & (left * offsets.corrections < 0)
@@ -278,8 +284,8 @@ class FarFieldResiduals:
         expected, variances = offsets.predict(sides)
         apart = np.abs(expected) - given.significance * np.sqrt(variances + persistent)
         self._apart = np.where(sides != 0, np.maximum(apart, 0.0), self._apart * ~against)
+        yield
         self.disorder = self._persistent_disorder()
-        self.restart()
 
     def find_doubtful(self, read: Array, outlying: Flags) -> None:
         """Update `stuck` and `doubtful` from readings [rad], shape (N,), and flags of outliers.
@@ -341,4 +347,4 @@ def _trimmed_mean(squares: Array) -> float:
     if count <= 0:
         return 0.0
     squares.partition(count)
-    return float(squares[:count].mean())
+    return float(squares[:count].sum()) / count

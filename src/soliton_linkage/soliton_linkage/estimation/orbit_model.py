@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -61,6 +62,7 @@ class OrbitMeasurementModel:
         self.noise = 0.0
         """Variance of the noise of an angle [rad^2]."""
         self._any_doubtful = False
+        self._learning: Iterator[None] = iter(())
 
     def linearise(
         self,
@@ -143,16 +145,22 @@ class OrbitMeasurementModel:
         noise: FrameNoise,
         upside_down: bool,
     ) -> None:
-        """Update the encoder offsets."""
+        """Update the encoder offsets; the work on a full block is spread over several frames."""
         outlying = view.outlying if view.outliers else None
         residuals = view.residuals
         if self._likelihood.scales is not None:
             residuals = np.where(self._likelihood.scales > _LARGE_SCALE, np.nan, residuals)
         site = self._orbit.site(view.arc)
-        if not self.far.add(residuals, outlying, site, elapsed, noise.least):
-            return
-        self.far.learn(-1 if upside_down else 1, noise.variance)
-        self.far.find_doubtful(seen, view.outlying)
+        if self.far.add(residuals, outlying, site, elapsed, noise.least):
+            for _ in self._learning:
+                pass
+            sign = -1 if upside_down else 1
+            self._learning = self._learn(sign, noise.variance, seen.copy(), view.outlying.copy())
+        next(self._learning, None)
+
+    def _learn(self, sign: int, variance: float, seen: Array, outlying: Flags) -> Iterator[None]:
+        yield from self.far.learn(sign, variance)
+        self.far.find_doubtful(seen, outlying)
         self._any_doubtful = bool(self.far.doubtful.any())
 
 
