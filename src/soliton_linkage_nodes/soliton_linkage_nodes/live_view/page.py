@@ -80,8 +80,8 @@ _EXPERIMENTS = 'Five experiments. Each asks a question, and measures the answer 
 _LESSON = 'Lesson'
 _LESSON_TABS = (_LESSON, 'Drive', 'Run')
 _SHARING = (
-    ('photo_camera', 'save the view as a picture', 'live.savePicture()'),
-    ('download', 'save the last minute as one HTML file', 'live.saveMinute()'),
+    ('photo_camera', 'save the view as a picture', 'window.live?.savePicture()'),
+    ('download', 'save the last minute as one HTML file', 'window.live?.saveMinute()'),
 )
 _WARNING = '<button type="button" class="{}" popovertarget="live-warnings" hidden></button>'
 _PLOTS = Path(__file__).with_name('browser') / 'plots.html'
@@ -126,6 +126,7 @@ class Page:
         self._view = view
         self._in_lesson = lesson
         self.namespace = next(iter(view.chains), '')
+        """Namespace of the shown chain, '' if no chain or every chain is shown."""
         self._options: dict[str, str] = {}
         self._replaying = False
         self._dark = ui.dark_mode(None)
@@ -233,9 +234,9 @@ class Page:
     def _choose(self, namespace: str) -> None:
         if namespace != ALL and namespace not in self._view.chains:
             return
-        self.namespace = namespace
+        self.namespace = '' if namespace == ALL else namespace
         self._chooser.value = namespace
-        ui.run_javascript(f'live.watch({namespace!r})')
+        ui.run_javascript(f'window.live?.watch({namespace!r})')
 
     def _refresh(self) -> None:
         chains = self._view.chains
@@ -250,11 +251,9 @@ class Page:
         if replaying and not self._replaying:
             self._choose(replay.namespace)
         self._replaying = replaying
-        if self.namespace not in options:
-            self._choose(next(iter(chains), ''))
-        elif self._chooser.value is None:
-            self._chooser.value = self.namespace
-        why = reasons_for(self._view, '' if self.namespace == ALL else self.namespace)
+        if self._chooser.value not in options:
+            self._choose(self.namespace if self.namespace in chains else next(iter(chains), ''))
+        why = reasons_for(self._view, self.namespace)
         for controls in (self._drive, self._waves, self._run, self._identify):
             controls.refresh(why)
         for others in (self._parameters, self._record, self._bags):

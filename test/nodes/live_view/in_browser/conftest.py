@@ -139,8 +139,8 @@ def shared(open_page):
 
 
 @pytest.fixture
-def visit(shared, stage, browser, monkeypatch, request):
-    """Shared page, which shows its whole chain and logs nothing in the console."""
+def visit(shared, stage, browser, monkeypatch, request, caplog):
+    """Shared page, which shows its whole chain; neither page nor server logs an error."""
     # For the programs that the page starts.
     monkeypatch.setenv('ROS_DOMAIN_ID', str(stage.domain))
     if request.session.stash.get(FAILED, False):
@@ -159,6 +159,8 @@ def visit(shared, stage, browser, monkeypatch, request):
     yield shared
     console, shared.console = shared.console, []
     assert console == []
+    logged = [each.getMessage() for each in caplog.get_records('call') if each.name == 'nicegui']
+    assert logged == []
 
 
 @pytest.fixture

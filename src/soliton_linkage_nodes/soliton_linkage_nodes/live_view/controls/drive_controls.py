@@ -65,7 +65,7 @@ def show_answer(
     succeeded. Before the answer, `good` is None.
     """
     state = {'id': f'control {number}', 'name': name, 'answer': text, 'good': good, 'long': long}
-    ui.run_javascript(f'live.answers.show({json.dumps(state)})')
+    ui.run_javascript(f'window.live?.answers.show({json.dumps(state)})')
 
 
 def button(
@@ -196,7 +196,9 @@ class DriveControls(ChainControls):
             slider.classes('live-slider')
             entry = number('speed', _DEFAULT_NUDGE, 'rad/s').bind_value(slider)
             slider.on_value_change(
-                lambda e: ui.run_javascript(f'live.nudgeSpeed = {float(e.value or 0)}')
+                lambda e: ui.run_javascript(
+                    f'if (window.live) live.nudgeSpeed = {float(e.value or 0)}'
+                )
             )
             button(
                 'Nudge',
