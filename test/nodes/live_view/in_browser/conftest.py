@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 import itertools
+import logging
 import math
 import shutil
 import sys
@@ -159,8 +160,8 @@ def visit(shared, stage, browser, monkeypatch, request, caplog):
     yield shared
     console, shared.console = shared.console, []
     assert console == []
-    logged = [each.getMessage() for each in caplog.get_records('call') if each.name == 'nicegui']
-    assert logged == []
+    logged = [each for each in caplog.get_records('call') if each.name == 'nicegui']
+    assert [each.getMessage() for each in logged if each.levelno >= logging.ERROR] == []
 
 
 @pytest.fixture
