@@ -84,6 +84,17 @@ def test_a_kick_is_named_and_errors_agree_with_the_stated_deviations(seed, size)
         assert np.sqrt(np.mean(errors**2)) < 2.0, name
 
 
+@pytest.mark.parametrize('seed', [0, 6])
+def test_a_kick_that_unequal_masses_imitate_is_found_by_a_test_of_the_momentum(seed):
+    chain, readings = kicked(seed, 0.1, period=0.01, spans=(0.81, 0.81))
+    found = identify(readings, Chain())
+    named = found.warnings[0].partition('a kick that was not recorded acts near ')[2]
+    assert float(named.partition(' s;')[0]) == pytest.approx(0.81, abs=NEAR)
+    scale = chain.spacings.mean() / found.chain.spacings.mean()
+    errors = np.log(scale * found.chain.rotor_lengths / chain.rotor_lengths)
+    assert np.sqrt(np.mean((errors / found.deviations['rotor_length']) ** 2)) < 2.0
+
+
 @pytest.mark.parametrize(
     ('nominal', 'seed', 'speed', 'half'),
     [
@@ -120,7 +131,7 @@ def test_a_pull_that_unequal_masses_imitate_is_named_as_a_kick():
 def test_springs_with_a_kick_must_fit_better_than_bars(seed, size, bar_noise, accepted):
     readings = kicked(seed, size)[1]
     fit: Any = SimpleNamespace(noise=0.01, residuals=np.zeros(readings.angles.shape), windows=())
-    fitter: Any = SimpleNamespace(gains_by_kicks=lambda kicks: [0.0] * len(kicks))
+    fitter: Any = SimpleNamespace(rate_changes=list, decreases_at_boundaries=list)
 
     def fit_springs(part: Readings, windows: Any) -> Any:
         return (fitter, fit) if part.impulses else 'springs do not fit'

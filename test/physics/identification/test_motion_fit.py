@@ -83,5 +83,5 @@ def test_a_kick_where_one_window_ends_and_the_next_begins_increases_the_likeliho
     ]
     times = 0.01 * np.arange(len(angles))
     fitter = MotionFitter(windows, times, readings, np.ones_like(readings), NOISE, tolerance=None)
-    (gain,) = fitter.gains_by_kicks([(54, 65)])
+    ((_, gain),) = fitter.decreases_at_boundaries()
     assert gain > 150 if kick else gain < 50

@@ -189,10 +189,25 @@ def states_with_sensitivities(motion: FreeMotion, times: Array) -> Iterator[tupl
     The states are the angles [rad] and the rates [rad/s], (B, 2, N). The sensitivities are the
     derivatives of the angles by the unknowns, (Q, B, N).
     """
+    yield from _states(motion, times, _initial_changes(motion), _BATCH, _COARSE_STEP)
+
+
+def _initial_changes(motion: FreeMotion) -> Array:
     at = motion.slices
     changes = np.zeros((motion.size, 2, len(motion.masses)))
     changes[at.angles, 0] = changes[at.rates, 1] = np.eye(len(motion.masses))
-    yield from _states(motion, times, changes, _BATCH, _COARSE_STEP)
+    return changes
+
+
+def transition(motion: FreeMotion, span: float) -> Array:
+    """Return the derivatives of the state after a time `span` [s] by the unknowns, (Q, 2 N).
+
+    The state consists of N angles and N rates.
+    """
+    changes = _initial_changes(motion)
+    for _ in _states(motion, np.array([0.0, span]), changes, 2, _COARSE_STEP):
+        pass
+    return changes.reshape(motion.size, -1)
 
 
 def gradient_of(motion: FreeMotion, times: Array, states: Array, weights: Array) -> Array:

@@ -6,18 +6,22 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.ndimage import uniform_filter1d
+from scipy.stats import chi2
 
 from soliton_linkage.identification.encoder_errors import EncoderFault, encoder_fault
+from soliton_linkage.identification.free_motion import propagate
 from soliton_linkage.identification.motion_fit import UNEXPLAINED, MotionFit, MotionFitter
 from soliton_linkage.identification.readings import Readings, RecordedImpulse
 from soliton_linkage.identification.windows import (
     ARRIVAL,
     FEWEST_FRAMES,
     FreeWindow,
+    free_intervals,
     windows_around,
 )
 from soliton_linkage.linkage.chain import Array
@@ -26,8 +30,6 @@ _MOST_KICKS = 3
 """Largest number of unrecorded kicks that are searched for [1]; each requires another fit."""
 _CANDIDATES = 5
 """A kick is tried at this number of the largest sudden changes of the speed [1]."""
-_KICK_FRAMES = 7
-"""Number of successive frames whose residuals are averaged in the search for a kick."""
 _BEFORE_KICK = 0.06
 """Frames are not used from this time before an estimated kick [s], because the time of the kick is
 uncertain. They are used again when the time `windows.ARRIVAL`, the largest delay of an impulse,
@@ -35,10 +37,12 @@ has passed after the kick."""
 _SUSPICIOUS = 1.05
 """If springs do not fit without a kick, a kick is accepted only if the residual noise of rigid
 bars is at least this times the residual noise of springs with the kick [1]."""
-_KICKED = 5.5
-"""A kick is assumed if a separate initial state after it decreases -2 log likelihood
-significantly. The limit is the decrease that is expected without a kick, plus this number of
-standard deviations of this decrease [1]."""
+_FALSE_ALARM = 0.02
+"""A kick is assumed if a test for it has a significant result. The limit is such that, with this
+probability [1], at least one of all tests of a recording without a kick has such a result."""
+_SMALLEST_KICK = 1e-3
+"""A kick is neglected if it changes the vector of all rates by less than this fraction [1]. In
+readings without noise, errors of the integration imitate such a kick."""
 _STEP_NOISE = 0.02
 """The speed before and after a possible kick is averaged over so many frames that its standard
 deviation due to noise is this fraction of the root mean square speed [1]. Sensitivity: in 14 of 16
@@ -66,6 +70,23 @@ _Fitted = tuple[MotionFitter, MotionFit] | str
 _Windows = Sequence[FreeWindow]
 
 
+class _KickTest(NamedTuple):
+    """Test of the hypothesis that a kick acts at a given time [s]."""
+
+    time: float
+    decrease: float
+    """Decrease of -2 log likelihood [1]."""
+    unknowns: int
+    """Number of unknowns that describe the kick."""
+    log_probability: float
+    """Logarithm of the probability of a larger decrease if no kick acts."""
+
+    @classmethod
+    def of(cls, time: float, decrease: float, unknowns: int) -> _KickTest:
+        """Return a test; without a kick, its decrease has a chi-squared distribution."""
+        return cls(time, decrease, unknowns, float(chi2.logsf(decrease, unknowns)))
+
+
 def fit_around_kicks(
     some: Readings, fit: Callable[[Readings, _Windows], _Fitted], noise: float, bar_noise: float
 ) -> tuple[_Fitted, list[float]]:
@@ -89,10 +110,17 @@ def fit_around_kicks(
                 break
         else:
             break
+        if not explained and _explains(better, noise):
+            # The fit without this kick may have been a local minimum.
+            part = _without(some, kicks)
+            whole = fit(part, _windows_over(part, better))
+            if _explains(whole, noise):
+                fitted = whole
+                continue
         if kicks:
             # The earlier kicks may only have imitated this one.
             part = _without(some, [time])
-            alone = fit(part, ())
+            alone = fit(part, _windows_over(part, better))
             if _explains(alone, noise) and not _possible_kicks(part, alone, noise)[0]:
                 return alone, [time]
         fitted, kicks = better, [*kicks, time]
@@ -124,6 +152,21 @@ def _windows_without(some: Readings, fitted: _Fitted, time: float, noise: float)
     return windows_around(fitted[1].windows, some.times, ends[0], ends[1], FEWEST_FRAMES)
 
 
+def _windows_over(some: Readings, fitted: _Fitted) -> _Windows:
+    """Return the windows of a fit, extended to all frames of free motion; none if impossible."""
+    windows = () if isinstance(fitted, str) else fitted[1].windows
+    extended: list[FreeWindow] = []
+    for interval in free_intervals(some.times, some.interruptions):
+        inside = [each for each in windows if interval.start <= each.frames.start < interval.stop]
+        if not inside:
+            return ()
+        begins = [interval.start, *(each.frames.start for each in inside[1:]), interval.stop]
+        for each, (begin, end) in zip(inside, pairwise(begins), strict=True):
+            motion = propagate(each.motion, some.times[[each.frames.start, begin]])[1]
+            extended.append(FreeWindow(slice(begin, end), motion))
+    return extended
+
+
 def _without(some: Readings, kicks: Sequence[float]) -> Readings:
     """Return readings in which no free motion contains frames near `kicks` [s].
 
@@ -137,22 +180,37 @@ def _without(some: Readings, kicks: Sequence[float]) -> Readings:
 
 def _possible_kicks(some: Readings, fitted: _Fitted, noise: float) -> tuple[list[float], bool]:
     """Return the times of possible kicks [s], and whether an encoder error is more probable."""
-    steps = list(largest_steps(some, noise))
     if isinstance(fitted, str):
-        time, size = steps[0]
+        time, size = next(largest_steps(some, noise))
         return [time] if abs(size) > _SMALLEST_STEP else [], False
-    fitter, fit = fitted
-    times = np.array([*(time for time, _ in steps), some.times[_worst_frame(fit)]])
-    frames = np.searchsorted(some.times, [times - _BEFORE_KICK, times + ARRIVAL])
-    gains = np.array(fitter.gains_by_kicks(frames.T.tolist()))
-    # Without a kick, another initial state reduces the sum of squares by 2 N, with variance 4 N.
-    unknowns = 2 * fit.residuals.shape[1]
-    order = np.argsort(-gains)
-    order = order[gains[order] > unknowns + _KICKED * math.sqrt(2 * unknowns)]
-    fault = _encoder_fault(some, fitted) if len(order) else None
+    tests = sorted(_tests(fitted[0]), key=lambda each: each.log_probability)
+    limit = math.log(_FALSE_ALARM / max(len(tests), 1))
+    tests = [each for each in tests if each.log_probability < limit]
+    fault = _encoder_fault(some, fitted) if tests else None
     # Akaike's criterion: the decrease minus twice the number of additional unknowns.
-    doubtful = fault is not None and fault.decrease - 2 > gains.max() - 2 * unknowns
-    return times[order].tolist(), doubtful
+    largest = max((each.decrease - 2 * each.unknowns for each in tests), default=0.0)
+    doubtful = fault is not None and fault.decrease - 2 > largest
+    times: list[float] = []
+    for each in tests:
+        if all(abs(each.time - time) > _BEFORE_KICK + ARRIVAL for time in times):
+            times.append(each.time)
+    return times, doubtful
+
+
+def _tests(fitter: MotionFitter) -> list[_KickTest]:
+    """Return tests of a kick that changes all rates in proportion, or independently.
+
+    A third test compares two adjacent windows with one free motion through both.
+    """
+    tests, states = list[_KickTest](), 0
+    for time, rates, _, matrix, score in fitter.rate_changes():
+        weight, rotors = float(rates @ matrix @ rates), len(rates)
+        alike = float(rates @ score) / max(weight, 1e-30) * rates
+        for change, unknowns in ((alike, 1), (np.linalg.solve(matrix, score), rotors)):
+            if np.linalg.norm(change) > _SMALLEST_KICK * np.linalg.norm(rates):
+                tests.append(_KickTest.of(time, float(score @ change), unknowns))
+        states = 2 * rotors
+    return tests + [_KickTest.of(*each, states) for each in fitter.decreases_at_boundaries()]
 
 
 def largest_steps(some: Readings, noise: float) -> Iterator[tuple[float, float]]:
@@ -199,8 +257,3 @@ def _slopes(times: Array, angles: Array, count: int) -> Array:
     weights = weights / np.sum(weights**2, axis=1, keepdims=True)
     windows = sliding_window_view(angles, count, axis=0)
     return np.asarray(np.einsum('tnc,tc->tn', windows, weights))
-
-
-def _worst_frame(fitted: MotionFit) -> int:
-    means = np.abs(uniform_filter1d(fitted.residuals, _KICK_FRAMES, axis=0))
-    return int(np.argmax(means.max(axis=1)))

@@ -14,6 +14,8 @@ Q - 2 N parameters q, and an initial state consists of 2 N angles and rates. A w
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +26,7 @@ from soliton_linkage.identification.free_motion import (
     gradient_of,
     states_at,
     states_with_sensitivities,
+    transition,
 )
 from soliton_linkage.identification.lengths import UNKNOWNS_PER_ROTOR, split
 from soliton_linkage.identification.windows import FreeWindow
@@ -31,6 +34,10 @@ from soliton_linkage.linkage.chain import Array
 
 _STATE_DEVIATION = 10.0
 """Prior standard deviation of each initial angle [rad] and each initial rate [rad/s]."""
+_TEST_STEP = 0.05
+"""Time between two tests for a sudden change of the rates [s]."""
+_TEST_FRAMES = 2
+"""Smallest number of frames in the matrices of normal equations between two such tests [1]."""
 _SIGNIFICANT_STAMPS = 4.0
 """The estimated variance of the errors of time stamps is significant if it is at least this times
 its own standard deviation [1]."""
@@ -250,6 +257,89 @@ def error_equations(
         parts.append((part.matrix, right[:size] - part.coupling.T @ right[size:]))
     matrices, vectors = zip(*parts, strict=True)
     return np.sum(matrices, axis=0), np.sum(vectors, axis=0)
+
+
+class RateChange(NamedTuple):
+    """Normal equations of a sudden change of the N rates in a frame of a window."""
+
+    time: float
+    """Time of the frame [s]."""
+    rates: Array
+    """Rates in the frame [rad/s], (N,)."""
+    coupling: Array
+    """Columns of the matrix that couple the change to the unknowns of the window, (Q, N)."""
+    matrix: Array
+    right: Array
+
+
+def rate_changes(
+    window: FreeWindow, record: Record, every: int, interval: float
+) -> tuple[Array, Array, list[RateChange]]:
+    """Return the normal equations of a window, and of sudden changes of the rates in it.
+
+    The first two values are the matrix, (Q, Q), and the right side, (Q,), of the window. They are
+    for readings of unit variance. `every` is an argument of `window_matrix`. The window is divided
+    at regular times, and `interval` is the median frame interval [s]. From part to part, a change
+    of the state x and of the unknowns q of the chain changes the state by F x + H q.
+    """
+    times, begin, end = record.times, window.frames.start, window.frames.stop
+    states = states_at(window.motion, times[window.frames])
+    size, rotors = window.motion.slices.forces.stop, states.shape[2]
+    slope = np.eye(size + 2 * rotors)
+    parts: list[tuple[FreeWindow, Array, Array, Array, Array]] = []
+    step = max(round(_TEST_STEP / interval), _TEST_FRAMES * every)
+    for first, last in pairwise([*range(begin, end, step), end]):
+        own = states[first - begin : last - begin]
+        motion = replace(window.motion, angles=own[0, 0], rates=own[0, 1])
+        part = FreeWindow(slice(first, last), motion)
+        # The derivatives of the state at the end of a part are (H, F), transposed.
+        move = transition(motion, float(times[min(last, end - 1)] - times[first]))
+        equations = window_matrix(part, record, every), window_gradient(part, record, own)
+        parts.append((part, slope, move, *equations))
+        slope = np.hstack([slope[:, :size], slope[:, size:] @ move[size:]])
+        slope[:size, size:] += move[:size]
+    matrix = np.sum([slope @ each @ slope.T for _, slope, _, each, _ in parts], axis=0)
+    right = np.sum([slope @ each for _, slope, _, _, each in parts], axis=0)
+    # Sums over all later parts: derivatives by the unknowns of the chain and by the state.
+    columns, later = np.zeros((size + 2 * rotors, 2 * rotors)), np.zeros(2 * rotors)
+    found = []
+    for part, slope, move, block, gradient in parts[:0:-1]:
+        columns, later = columns @ move[size:].T, move[size:] @ later
+        columns[:size] += move[:size] @ columns[size:]
+        columns[size:] = move[size:] @ columns[size:]
+        columns += block[:, size:]
+        later += gradient[size:]
+        by_rates = columns[:, rotors:]
+        time, rates = float(times[part.frames.start]), part.motion.rates
+        sides = by_rates[size + rotors :], later[rotors:].copy()
+        found.append(RateChange(time, rates, slope @ by_rates, *sides))
+    return matrix, right, found
+
+
+def eliminated_changes(
+    changes: Sequence[Sequence[RateChange]],
+    right: Array,
+    solve: Callable[[Array], Array],
+    noise: float,
+) -> list[RateChange]:
+    """Eliminate all unknowns of a fit from the normal equations of changes in each window.
+
+    `right` is the right side of the normal equations of the fit, which `solve` solves. `noise` is
+    the standard deviation of a reading [rad].
+    """
+    solved, found = solve(right), list[RateChange]()
+    for number, each in ((n, each) for n, some in enumerate(changes) for each in some):
+        rotors = len(each.rates)
+        size = len(each.coupling) - 2 * rotors
+        own = size + 2 * rotors * number
+        columns = np.zeros((len(right), rotors))
+        chain, state = np.split(each.coupling / noise**2, [size])
+        columns[:size], columns[own : own + 2 * rotors] = chain, state
+        matrix = each.matrix / noise**2 + np.eye(rotors) / _STATE_DEVIATION**2
+        matrix -= columns.T @ np.transpose([solve(column) for column in columns.T])
+        score = each.right / noise**2 - columns.T @ solved
+        found.append(each._replace(matrix=matrix, right=score))
+    return found
 
 
 def estimated_stamps(

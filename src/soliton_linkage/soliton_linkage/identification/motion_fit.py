@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise, zip_longest
+from itertools import pairwise
 
 import numpy as np
 
@@ -22,13 +22,16 @@ from soliton_linkage.identification.free_motion import FreeMotion, states_at
 from soliton_linkage.identification.lengths import Tolerances
 from soliton_linkage.identification.motion_equations import (
     Eliminated,
+    RateChange,
     Record,
     StampErrors,
     eliminated,
+    eliminated_changes,
     error_equations,
     estimated_stamps,
     inflated_covariance,
     quasi_newton_step,
+    rate_changes,
     solver,
     window_gradient,
     window_matrix,
@@ -43,7 +46,6 @@ from soliton_linkage.identification.windows import (
     join_windows,
     merge_windows,
     observable_changes,
-    windows_around,
 )
 from soliton_linkage.linkage.chain import Array
 
@@ -215,43 +217,41 @@ class MotionFitter:
             math.sqrt(self._record.stamps.variance) * self._noise,
         )
 
-    def gains_by_kicks(self, kicks: Sequence[tuple[int, int]]) -> list[float]:
-        """Return the decrease of -2 log likelihood if a kick is assumed, for each of K kicks [1].
+    def rate_changes(self) -> list[RateChange]:
+        """Return the normal equations of sudden changes of the rates at regular times.
 
-        `kicks` contains two frame numbers for each kick. The frames before the first number and
-        the frames from the second number on have separate initial states. The decrease is computed
-        for a linearised fit. If windows already end and begin between the two numbers, they are
-        fitted by one motion, and the decrease is the difference of the two fits.
-        Masses that differ before and after a frame imitate a kick. Therefore the prior deviation
-        of the masses is at most `INITIAL_MASS_DEVIATION`, even if the fitted masses differ more.
+        All other unknowns are eliminated. Masses that differ before and after a time imitate a
+        change. Therefore the prior deviation of the masses is at most `INITIAL_MASS_DEVIATION`,
+        even if the fitted masses differ more.
         """
-        ends = np.linspace(*_SHARES[2:4], len(kicks) + 1).tolist()
-        found, prior, times = self._windows, self._prior, self._record.times
+        found, prior = self._windows, self._prior
         limited = min(prior.mass_deviation, INITIAL_MASS_DEVIATION)
         self._prior = replace(prior, mass_deviation=limited)
-        known = dict(zip(map(id, found), self._found or self._equations(), strict=True))
-        without = self._expected_decrease(list(known.values()))
-        gains, joined = [0.0] * len(kicks), dict[tuple[int, ...], float]()
-        for n, (stage, frames) in enumerate(zip(pairwise(ends), kicks, strict=True)):
+        ends, parts = np.linspace(*_SHARES[2:4], len(found) + 1).tolist(), []
+        for window, stage in zip(found, pairwise(ends), strict=True):
             self._stages.enter(*stage)
-            self._windows = windows_around(found, times, *frames)
-            if len(self._windows) > len(found):
-                equations = self._equations([known.get(id(each)) for each in self._windows])
-                gains[n] = self._expected_decrease(equations) - without
-            else:
-                self._windows = join_windows(found, *frames)
-                begins = tuple(window.frames.start for window in self._windows)
-                if len(begins) < len(found) and begins not in joined:
-                    self._improve(_STEPS, _SAMPLED)
-                    joined[begins] = self._cost(self._windows)[0] - self._cost(found)[0] + without
-                gains[n] = joined.get(begins, 0.0)
-            self._windows = found
+            parts.append(rate_changes(window, self._record, self._every, self._interval))
+        matrices, vectors, changes = zip(*parts, strict=True)
+        solve = self._solver(matrices, 0.0)
+        tested = eliminated_changes(changes, self._joined(vectors), solve, self._noise)
         self._prior = prior
-        return gains
+        return tested
 
-    def _expected_decrease(self, equations: Sequence[Array]) -> float:
-        right = self._right(self._cost(self._windows)[1])
-        return float(right @ self._solver(equations, 0.0)(right))
+    def decreases_at_boundaries(self) -> list[tuple[float, float]]:
+        """Return times [s] where adjacent windows meet, and a decrease of -2 log likelihood [1].
+
+        In the fit to which the decrease is relative, the motion of the first window continues.
+        """
+        found, decreases = self._windows, []
+        before = self._cost(found)[0]
+        for frame in [window.frames.start for window in found[1:]]:
+            self._windows = join_windows(found, frame, frame)
+            if len(self._windows) < len(found):
+                self._improve(_STEPS, _SAMPLED)
+                decrease = self._cost(self._windows)[0] - before
+                decreases.append((float(self._record.times[frame]), decrease))
+            self._windows = found
+        return decreases
 
     def error_scores(self) -> tuple[Array, Array]:
         """Return the result of `encoder_errors.error_scores` for this fit."""
@@ -364,10 +364,8 @@ class MotionFitter:
             cost += float(np.sum(whitened**2)) / self._noise**2
         return (cost if math.isfinite(cost) else math.inf), states
 
-    def _equations(self, known: Sequence[Array | None] = ()) -> list[Array]:
-        given = self._record, self._every
-        pairs = zip_longest(self._windows, known)
-        return [window_matrix(each, *given) if own is None else own for each, own in pairs]
+    def _equations(self) -> list[Array]:
+        return [window_matrix(each, self._record, self._every) for each in self._windows]
 
     def _improve(self, steps: int, converged: float, equations: list[Array] | None = None) -> None:
         equations = equations or self._equations()
@@ -414,10 +412,12 @@ class MotionFitter:
                 solve = self._solver(equations, damping)
 
     def _right(self, states: Sequence[Array]) -> Array:
-        information, values = self._prior.evaluate(self._motion)
         pairs = zip(self._windows, states, strict=True)
-        vectors = np.array([window_gradient(each, self._record, own) for each, own in pairs])
-        vectors, size = vectors / self._noise**2, len(values)
+        return self._joined([window_gradient(each, self._record, own) for each, own in pairs])
+
+    def _joined(self, gradients: Sequence[Array]) -> Array:
+        information, values = self._prior.evaluate(self._motion)
+        vectors, size = np.array(gradients) / self._noise**2, len(values)
         chain = vectors[:, :size].sum(axis=0) - information @ values
         return np.concatenate([chain, vectors[:, size:].ravel()])
 
