@@ -72,8 +72,8 @@ def test_interrupted_it_stops_the_soliton(graph, start):
         return float(values(reports[-1])['rotor']) if reports else math.nan
 
     graph.until(lambda: rotor() >= 0, 'a wall')
-    program = start('move_soliton', '6', '--speed', '1', '--wait', '240')
-    graph.until(lambda: rotor() > 0.5, 'a wall on its way')
+    program = start('move_soliton', '6', '--speed', '0.05', '--wait', '240')
+    graph.until(lambda: reports[-1].message.startswith('moving'), 'a wall on its way')
     program.process.send_signal(signal.SIGINT)
     graph.until(lambda: program.process.poll() is not None, 'the end of the move')
     assert program.process.returncode == 130

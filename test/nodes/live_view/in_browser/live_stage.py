@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -200,11 +201,19 @@ class Visit:
         until(lambda: field.input_value() == value, f'{label} to be {value}')
 
     def choose(self, label: str, option: str) -> None:
+        from playwright import sync_api
+
         select = self.page.locator(f'label.q-select:visible:has-text("{label}")').first
         wanted = self.page.get_by_role('option', name=option, exact=True)
-        # A list closes if the page moves.
-        until(lambda: select.click() or _appears(wanted), f'{option} in the list of {label}')
-        wanted.click()
+
+        def done() -> bool:
+            # A list closes if the page moves, and changes if a node appears.
+            with suppress(sync_api.TimeoutError):
+                select.click(timeout=3000)
+                wanted.click(timeout=3000)
+            return bool(select.locator('.q-field__native').inner_text().strip() == option)
+
+        until(done, f'{option} in the list of {label}')
 
     def panel_has_text(self, text: str) -> None:
         self.page.locator('.q-tab-panel:visible', has_text=text).first.wait_for()
@@ -260,16 +269,6 @@ class Visit:
     def _check(self, request: Any) -> None:
         if '127.0.0.1' not in request.url and not request.url.startswith(('data:', 'blob:')):
             self.console.append(f'requested {request.url}')
-
-
-def _appears(element: Any) -> bool:
-    try:
-        element.wait_for(timeout=3000)
-    except Exception as error:
-        if type(error).__name__ != 'TimeoutError':
-            raise
-        return False
-    return True
 
 
 class Rig:

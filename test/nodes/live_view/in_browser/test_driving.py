@@ -72,8 +72,8 @@ def test_a_rejected_nudge_is_shown_with_the_reason_of_the_actuator(at_rest, view
 
 
 def test_an_answer_that_is_late_is_reported_after_two_seconds(visit, stage):
-    visit.js("live.answers.show({id: 'late', name: 'Nudge', good: null})")
-    visit.has_text('answer', 'Nudge: waiting for the answer')
+    shown = "live.answers.show({id: 'late', name: 'Nudge', good: null}), live.answers.text"
+    assert visit.js(f'({shown})') == '… Nudge: waiting for the answer'
     visit.has_text('answer', 'Nudge: no answer within 2 s, still waiting')
     visit.js("live.answers.show({id: 'late', answer: 'done', good: true})")
     visit.has_text('answer', 'Nudge: done')
