@@ -259,7 +259,7 @@ def rig_page(found: RigFindings, names: Sequence[str], chain: str) -> str:
 
     `names` are the names of the joints, and `chain` is a description of the chain.
     """
-    from soliton_linkage.identification.rig_check import DOUBTFUL, RIGHT, WRONG
+    from soliton_linkage.identification.rig_bonds import DOUBTFUL, RIGHT, WRONG
 
     colours = {RIGHT: GREEN, DOUBTFUL: ORANGE, WRONG: RED}
     rows = ''.join(

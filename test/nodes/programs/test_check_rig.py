@@ -10,7 +10,8 @@ from graphs import Graph
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 
-from soliton_linkage.identification.rig_check import DOUBTFUL, RIGHT, RigFindings
+from soliton_linkage.identification.rig_bonds import DOUBTFUL, RIGHT
+from soliton_linkage.identification.rig_check import RigFindings
 from soliton_linkage_msgs.msg import RotorImpulses
 from soliton_linkage_nodes.programs.check_rig import CheckRig
 from soliton_linkage_nodes.runtime import interfaces

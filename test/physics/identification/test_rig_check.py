@@ -7,10 +7,8 @@ import numpy as np
 import pytest
 
 from soliton_linkage.dynamics.elastic import simulate
+from soliton_linkage.identification.rig_bonds import DOUBTFUL, RIGHT, WRONG
 from soliton_linkage.identification.rig_check import (
-    DOUBTFUL,
-    RIGHT,
-    WRONG,
     RigFindings,
     Turn,
     WatchedFrames,
@@ -140,13 +138,37 @@ def test_a_fault_of_the_readings_is_named_and_no_other(change, subject, text):
     assert not found
 
 
-def test_joints_in_the_reverse_order_are_seen_when_edge_rotors_turn():
-    found = changed(lambda angles: angles[:, ::-1])
-    assert not found.sound
-    orders = [each.text for each in found.findings if each.subject == 'order']
-    assert 'rotor_11 turned by' in orders[0]
-    assert 'had to turn rotor_0' in orders[0]
-    assert 'rotor_0 turned by' in orders[1]
+@pytest.mark.parametrize(
+    ('change', 'text'),
+    [
+        (lambda angles: angles[:, ::-1], 'the joints are in the reverse order: rotor_11 turned'),
+        (lambda angles: angles * (1 - 2 * np.eye(12)[0]), 'rotor_0 decreases'),
+    ],
+)
+def test_a_fault_that_turns_and_bonds_show_is_one_line(change, text):
+    wrong = [each.text for each in changed(change).findings if each.verdict != RIGHT]
+    assert len(wrong) == 1
+    assert text in wrong[0]
+
+
+@pytest.mark.parametrize(('scale', 'verdict'), [(0.9, WRONG), (1.1, WRONG), (1.0, RIGHT)])
+def test_a_wrong_rotor_length_that_the_rest_hides_is_seen_when_a_soliton_passes(scale, verdict):
+    configured = replace(CHAIN, rotor_length=scale * CHAIN.rotor_length)
+    found = {
+        each.subject: each for each in check_rig(at_rest(), turns(), NAMES, configured).findings
+    }
+    assert found['chain'].verdict == RIGHT
+    assert found['lengths'].verdict == verdict
+    if verdict == WRONG:
+        assert 'all rotor lengths differ' in found['lengths'].text
+        assert ('+' in found['lengths'].text) == (scale < 1)
+
+
+def test_rotor_lengths_that_no_motion_shows_are_reported_as_not_checked():
+    found = check_rig(at_rest(), [], NAMES, CHAIN).findings
+    (lengths,) = (each for each in found if each.subject == 'lengths')
+    assert lengths.verdict == DOUBTFUL
+    assert 'rotor lengths were not checked' in lengths.text
 
 
 def test_a_hand_that_turns_no_encoder_is_reported():

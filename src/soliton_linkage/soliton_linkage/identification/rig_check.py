@@ -5,20 +5,28 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
-from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from soliton_linkage.estimation.noise import robust_deviation
-from soliton_linkage.identification.mounting import MOST_NAMED, check_unit, in_radians, listed
+from soliton_linkage.identification.mounting import check_unit, in_radians, listed
 from soliton_linkage.identification.readings import interpolated
+from soliton_linkage.identification.rig_bonds import (
+    DOUBTFUL,
+    NO_CAUSE,
+    RIGHT,
+    WRONG,
+    Bonds,
+    RigFinding,
+    chain_findings,
+    is_staggered,
+    length_findings,
+    size_of,
+)
 from soliton_linkage.identification.screening import check_motion, leaning_over, noise_by_rotor
 from soliton_linkage.linkage.chain import Array, Chain, staggered, wrapped
 
-RIGHT, DOUBTFUL, WRONG = 'right', 'doubtful', 'wrong'
 SMALLEST_TURN = 0.15
 """Smallest rotation that counts as a turn by hand [rad]; encoder noise is far smaller."""
 _LARGEST_JITTER = 1e-3
@@ -43,25 +51,13 @@ _SMALLEST_NOISE = 2e-3
 """No rotor with a smaller noise than this counts as noisy [rad]."""
 _LEAST_SEEN = 0.99
 """Smallest acceptable fraction of the frames in which a rotor has a reading [1]."""
-_LARGEST_STRETCH = 0.02
-"""Largest acceptable stretch of a bond, the relative difference of its apparent from its
-configured length [1]. An encoder zero error of 0.05 rad causes a larger stretch."""
-_LARGEST_OFFSET = 2.9
-"""Largest zero error that is tried as a cause of stretches [rad]; half turns are tried, too."""
-_LARGEST_CHANGE = 0.3
-"""Relative errors of lengths up to this are tried as the cause of the stretches [1]."""
-_EXPLAINED = 1 / 3
-"""A correction explains stretches if it reduces their root mean square below this fraction [1]."""
-_EQUALLY_GOOD = 1.5
-"""Besides the best correction, for example of a sign, others are reported if they leave a root
-mean square stretch smaller than this times the stretch that the best one leaves [1]."""
+_NO_WORSE = 0.01
+"""Readings are corrected for a fault that turns by hand show, unless the correction increases the
+root mean square stretch by more than this [1]."""
 _MOST_AGAINST = 0.2
 """A soliton is at an edge if at most this fraction of the rotors leans away from that edge [1]."""
 _ALSO_IN_MOTION = {'rotors', 'order', 'sign', 'chain'}
 """Subjects whose faults also change the motion, which shows the cause less certainly."""
-_NO_CAUSE = 'no single cause explains this'
-_MOST_FRAMES = 200
-"""Largest number of frames from which the stretches are computed [1]."""
 
 
 @dataclass(frozen=True)
@@ -85,14 +81,6 @@ class Turn(NamedTuple):
     frames: WatchedFrames
     before: WatchedFrames | None = None
     """Frames before the request, while a hand moved the soliton."""
-
-
-class RigFinding(NamedTuple):
-    """Result of one check."""
-
-    verdict: str
-    subject: str
-    text: str
 
 
 @dataclass(frozen=True)
@@ -124,7 +112,7 @@ def check_rig(
     except ValueError as error:
         findings.append(RigFinding(WRONG, 'unit', str(error)))
         watched, turns = _converted(np.deg2rad, watched, turns)
-    if chain is not None and _is_staggered(chain, interpolated(watched.angles)):
+    if chain is not None and is_staggered(chain, interpolated(watched.angles)):
         text = 'odd rotors have the staggered angle; publish pi - phi for them'
         findings.append(RigFinding(WRONG, 'angles', text))
         watched, turns = _converted(staggered, watched, turns)
@@ -134,18 +122,25 @@ def check_rig(
     noise = noise_by_rotor(angles)
     findings += _noise_findings(noise, names)
     findings += _turn_findings(turns, names)
-    stretches = np.full(len(names) - 1, np.nan)
-    if chain is not None:
-        bonds = _Bonds(chain, angles)
-        stretches = bonds.stretches(bonds.angles)
-        findings += _chain_findings(bonds, names)
     everything = [
         watched,
         *(each for turn in turns for each in (turn.before, turn.frames) if each),
     ]
     passed = np.concatenate([each.angles for each in everything])
+    stretches = np.full(len(names) - 1, np.nan)
+    if chain is not None:
+        bonds, correct = Bonds(chain, angles), _correction(turns, len(names))
+        stretches = bonds.stretches(bonds.angles)
+        corrected = Bonds(chain, correct(angles))
+        fits = size_of(corrected.stretches(corrected.angles)) < size_of(stretches) + _NO_WORSE
+        if fits:
+            bonds, passed = corrected, correct(passed)
+        found = list(chain_findings(bonds, names))
+        findings += found
+        if fits and all(each.verdict == RIGHT for each in found):
+            findings += length_findings(bonds, interpolated(passed), names)
     named = {
-        each.subject for each in findings if each.verdict == WRONG and _NO_CAUSE not in each.text
+        each.subject for each in findings if each.verdict == WRONG and NO_CAUSE not in each.text
     }
     findings += _passage_findings(passed, names, bool(named & _ALSO_IN_MOTION))
     return RigFindings(tuple(findings), noise, stretches)
@@ -306,16 +301,44 @@ def _noise_findings(noise: Array, names: Sequence[str]) -> Iterator[RigFinding]:
         yield RigFinding(RIGHT, 'noise', text if usual else steady)
 
 
+def _turned_rotors(turns: Sequence[Turn]) -> dict[int, tuple[int, float]]:
+    """Return the rotor that turned, and its rotation [rad], for each rotor that had to turn."""
+    found = {turn.rotor: first_turn(turn.rest, turn.frames.angles) for turn in turns}
+    return {asked: each for asked, each in found.items() if each}
+
+
+def _is_reversed(turned: dict[int, tuple[int, float]], rotors: int) -> bool:
+    return {asked: rotor for asked, (rotor, _) in turned.items()} == {0: rotors - 1, rotors - 1: 0}
+
+
+def _correction(turns: Sequence[Turn], rotors: int) -> Callable[[Array], Array]:
+    """Return a function that corrects the order and the signs in readings, (T, N)."""
+    turned, signs = _turned_rotors(turns), np.ones(rotors)
+    for asked, (rotor, step) in turned.items():
+        if asked == rotor and step < 0:
+            signs[rotor] = -1
+    order = slice(None, None, -1 if _is_reversed(turned, rotors) else 1)
+    return lambda angles: signs * angles[:, order]
+
+
 def _turn_findings(turns: Sequence[Turn], names: Sequence[str]) -> Iterator[RigFinding]:
     for rotor in {0, len(names) - 1} - {turn.rotor for turn in turns}:
         text = f'{names[rotor]} was not turned by hand, so that its order and sign are unknown'
         yield RigFinding(DOUBTFUL, 'order', text)
+    turned = _turned_rotors(turns)
+    if _is_reversed(turned, len(names)):
+        text = (
+            f'the joints are in the reverse order: {names[-1]} turned when you had to turn '
+            f'{names[0]}, and {names[0]} when you had to turn {names[-1]}; name the joints from '
+            'rotor 0 to the last'
+        )
+        yield RigFinding(WRONG, 'order', text)
+        return
     for turn in turns:
         if np.isnan(turn.rest[turn.rotor]):
             continue
-        found = first_turn(turn.rest, turn.frames.angles)
         asked = names[turn.rotor]
-        if found is None:
+        if turn.rotor not in turned:
             text = (
                 f'no rotor turned by {SMALLEST_TURN:g} rad when you had to turn {asked}: turn it '
                 'further, or check the cable and the magnet of its encoder; if the soliton is at '
@@ -323,7 +346,7 @@ def _turn_findings(turns: Sequence[Turn], names: Sequence[str]) -> Iterator[RigF
             )
             yield RigFinding(WRONG, 'order', text)
             continue
-        rotor, step = found
+        rotor, step = turned[turn.rotor]
         if rotor != turn.rotor:
             text = f'{names[rotor]} turned by {step:+.2g} rad when you had to turn {asked}'
             yield RigFinding(WRONG, 'order', f'{text}; name the joints from rotor 0 to the last')
@@ -337,97 +360,6 @@ def _turn_findings(turns: Sequence[Turn], names: Sequence[str]) -> Iterator[RigF
             yield RigFinding(WRONG, 'sign', text)
         else:
             yield RigFinding(RIGHT, 'sign', f'{asked} increases in the positive direction')
-
-
-class _Bonds:
-    def __init__(self, chain: Chain, angles: Array) -> None:
-        self.angles = angles[:: -(-len(angles) // _MOST_FRAMES)]
-        self._pivots, self._lengths = chain.pivots, chain.rotor_lengths
-        self._rest = chain.rest_lengths[: chain.number_of_rotors - 1]
-
-    def stretches(self, angles: Array, rotor_scale: float | Array = 1.0) -> Array:
-        """Return the median stretch of each bond over all frames [1], (N - 1,)."""
-        lengths = self._lengths * rotor_scale
-        x = self._pivots + lengths * np.sin(angles)
-        apart = np.hypot(np.diff(x, axis=1), np.diff(lengths * np.cos(angles), axis=1))
-        return np.asarray(np.median(apart / self._rest - 1, axis=0))
-
-    def _shifted(self, rotors: float | Array, step: float) -> Array:
-        return self.stretches(self.angles - step * rotors)
-
-    def _lengthened(self, rotors: float | Array, step: float) -> Array:
-        return self.stretches(self.angles, 1 + step * rotors)
-
-    def corrections(self, names: Sequence[str]) -> Iterator[tuple[Array, str]]:
-        angles, ones = self.angles, np.eye(len(names))
-        yield self.stretches(angles[:, ::-1]), 'the joints are in the reverse order'
-        common, value = _fitted(partial(self._shifted, 1.0), np.pi)
-        yield common, f'all readings are too large by {value:.2g} rad'
-        for n, one in enumerate(ones):
-            yield self.stretches(angles * (1 - 2 * one)), f'{names[n]} has the wrong sign: -phi'
-            yield self.stretches(angles - np.pi * one), f'{names[n]} is turned by half a turn'
-        for n, other in combinations(range(len(names)), 2):
-            order = np.arange(len(names))
-            order[[n, other]] = other, n
-            text = f'{names[n]} and {names[other]} are exchanged'
-            yield self.stretches(angles[:, order]), text
-        for n, one in enumerate(ones):
-            found, value = _fitted(partial(self._shifted, one), _LARGEST_OFFSET)
-            yield found, f'the reading of {names[n]} is too large by {value:.2g} rad'
-            found, value = _fitted(partial(self._lengthened, one), _LARGEST_CHANGE)
-            yield found, f'the length of {names[n]} differs by {value:+.1%}'
-        found, value = _fitted(partial(self._lengthened, 1.0), _LARGEST_CHANGE)
-        yield found, f'all rotor lengths or rest lengths differ, rotors by {value:+.1%}'
-        now = self.stretches(angles)
-        for n in np.flatnonzero(~(np.abs(now) > _LARGEST_CHANGE)).tolist():
-            text = f'the rest length of the bond {names[n]} to {names[n + 1]} differs by'
-            yield now * (1 - np.eye(len(now))[n]), f'{text} {now[n]:+.1%}'
-
-
-def _is_staggered(chain: Chain, angles: Array) -> bool:
-    bonds = _Bonds(chain, angles)
-    now, other = (_size(bonds.stretches(each)) for each in (bonds.angles, staggered(bonds.angles)))
-    return now > _LARGEST_STRETCH and other < _EXPLAINED * now
-
-
-def _size(stretches: Array) -> float:
-    known = stretches[np.isfinite(stretches)]
-    return float(np.sqrt(np.mean(known**2))) if len(known) else 0.0
-
-
-def _fitted(stretches: Callable[[float], Array], largest: float) -> tuple[Array, float]:
-    grid = np.linspace(-largest, largest, 25)
-    best = grid[np.argmin([_size(stretches(float(value))) for value in grid])]
-    step = grid[1] - grid[0]
-    near = max(best - step, -largest), min(best + step, largest)
-    found = minimize_scalar(lambda value: _size(stretches(value)), bounds=near, method='bounded')
-    return stretches(float(found.x)), float(found.x)
-
-
-def _chain_findings(bonds: _Bonds, names: Sequence[str]) -> Iterator[RigFinding]:
-    now = bonds.stretches(bonds.angles)
-    if not np.isfinite(now).any():
-        return
-    largest = float(np.nanmax(np.abs(now)))
-    if largest < _LARGEST_STRETCH:
-        text = f'all bonds fit the configured chain; the largest difference is {largest:.2%}'
-        yield RigFinding(RIGHT, 'chain', text)
-        return
-    n = int(np.nanargmax(np.abs(now)))
-    text = f'the bond {names[n]} to {names[n + 1]} differs by {now[n]:+.1%} from the chain'
-    corrected = bonds.corrections(names)
-    sizes = [(_size(np.where(np.isnan(to), now, to)), cause) for to, cause in corrected]
-    least = max(min(size for size, _ in sizes), _LARGEST_STRETCH / 10)
-    if least < _EXPLAINED * _size(now):
-        causes = [cause for size, cause in sizes if size < _EQUALLY_GOOD * least]
-        yield RigFinding(WRONG, 'chain', f'{text}: {"; or ".join(causes[:MOST_NAMED])}')
-        return
-    count = int(np.nansum(np.abs(now) > _LARGEST_STRETCH))
-    text += (
-        f', and {count} bonds by more than {_LARGEST_STRETCH:.0%}; {_NO_CAUSE}: '
-        'set the zeros of the encoders, and measure spacing, rotor length and rest angle'
-    )
-    yield RigFinding(WRONG, 'chain', text)
 
 
 def _passage_findings(angles: Array, names: Sequence[str], known: bool) -> Iterator[RigFinding]:

@@ -142,13 +142,15 @@ def windows_around(
 def join_windows(windows: Sequence[FreeWindow], before: int, after: int) -> tuple[FreeWindow, ...]:
     """Join adjacent windows if one ends, and the next begins, at a frame from `before` to `after`.
 
-    The motion of the first one continues through the second one.
+    The motion of the first one continues through the second one. Windows that would be longer than
+    `merge_windows` allows are not joined.
     """
     parts: list[FreeWindow] = []
     for window in windows:
         begin, end = window.frames.start, window.frames.stop
-        if parts and parts[-1].frames.stop == begin and before <= begin <= after:
-            first = parts[-1]
+        first = parts[-1] if parts else window
+        short = end - first.frames.start <= _LONGEST_WINDOW
+        if short and first.frames.stop == begin and before <= begin <= after:
             parts[-1] = first._replace(frames=slice(first.frames.start, end))
         else:
             parts.append(window)

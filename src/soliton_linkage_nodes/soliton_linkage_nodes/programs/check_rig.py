@@ -27,9 +27,8 @@ from sensor_msgs.msg import JointState
 
 from soliton_linkage.command_line import PlainParser
 from soliton_linkage.identification.readings import interpolated
+from soliton_linkage.identification.rig_bonds import WRONG, RigFinding
 from soliton_linkage.identification.rig_check import (
-    WRONG,
-    RigFinding,
     RigFindings,
     Turn,
     WatchedFrames,
