@@ -19,10 +19,10 @@ def measured(frames: int, noise: float, seed: int) -> Array:
     return RATE * PERIOD * np.arange(frames) + noise * random.standard_normal(frames)
 
 
-def followed(arcs: Array, noise: float, at_edge: bool = False) -> tuple[MultipleModelFilter, int]:
+def followed(arcs: Array, noise: float, exchange: float = 0.0) -> tuple[MultipleModelFilter, int]:
     motion = MultipleModelFilter(float(arcs[0]), noise**2, 50.0, SITE_ARC)
     for arc in arcs[1:].tolist():
-        motion.predict(PERIOD, at_edge)
+        motion.predict(PERIOD, exchange)
         motion.update(arc, noise**2)
     return motion, motion.impulses
 
@@ -67,7 +67,7 @@ def steadiness(motion: MultipleModelFilter) -> float:
 
 def test_filters_agree_with_a_naive_kalman_filter():
     for disturbance in [0.0, 1.0]:
-        for at_edge in [False, True]:
+        for exchange in [0.0, 0.03]:
             # The limit of the odds is too large for the other filter to gain weight.
             settings = FilterSettings(
                 rate_changes=(0.02,),
@@ -88,9 +88,9 @@ def test_filters_agree_with_a_naive_kalman_filter():
             ]
             for arc in arcs[1:].tolist():
                 speed = abs(motion.rate)
-                exchange = at_edge and 0.06 * speed > motion.rate_deviation
-                twins[1].share = 0.02 + 0.03 * exchange
-                motion.predict(PERIOD, at_edge, 1.0, acceleration, bandwidth)
+                known = 2 * exchange * speed > motion.rate_deviation
+                twins[1].share = 0.02 + exchange * known
+                motion.predict(PERIOD, exchange, 1.0, acceleration, bandwidth)
                 motion.update(arc, 4e-4)
                 for twin in twins:
                     twin.predict(PERIOD, speed, acceleration, wander)
@@ -106,7 +106,7 @@ def test_the_stated_deviations_include_a_change_of_the_rate_at_an_edge():
     for change in 3 * [0.001, 0.01, 0.03]:
         motion, arc, rate = MultipleModelFilter(0.0, noise**2, 1.0, 1.0), 0.0, 0.5
         for frame in range(960):
-            motion.predict(0.2, at_edge=800 <= frame < 860)
+            motion.predict(0.2, 0.03 * (800 <= frame < 860))
             rate *= 1 + change * (frame == 830)
             arc += 0.2 * rate
             motion.update(arc + noise * random.standard_normal(), noise**2)
@@ -221,7 +221,7 @@ def test_a_resting_wall_that_waves_start_to_move_is_tracked():
             time = 0.004 * (frame - 700)
             arc = acceleration / 2 * max(time, 0.0) ** 2
             motion.set_wave_acceleration(acceleration if time > 0 else 0.0, 0.3)
-            motion.predict(0.004, at_edge=False)
+            motion.predict(0.004)
             motion.update(arc + noise * random.standard_normal(), noise**2, calm=float(time < 0))
             rate_error = motion.rate - acceleration * time
             if time > 0:

@@ -229,7 +229,9 @@ def test_a_wall_that_leaves_an_edge_is_located_correctly(example, rotors, factor
         assert tracker.starts == 1
         assert not tracker.offsets.corrections.any()
         if noise == 0:
-            assert estimate.noise < 1e-4 < estimate.misfit
+            # Deformations of a fast wall that change within a frame count as noise.
+            assert estimate.noise < max(1e-4, 0.02 * estimate.misfit)
+            assert estimate.misfit > 1e-4
 
 
 @pytest.mark.parametrize('example', CLASSES)

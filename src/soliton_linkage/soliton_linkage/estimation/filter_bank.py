@@ -18,7 +18,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from soliton_linkage.compiling import b1, compile_loop, compiled, const_f8_1d, f8, i8, records
+from soliton_linkage.compiling import compile_loop, compiled, const_f8_1d, f8, i8, records
 from soliton_linkage.estimation.settings import FilterSettings, record_dtype
 from soliton_linkage.linkage.chain import Array
 
@@ -37,8 +37,8 @@ FILTER = np.dtype(
         *(
             (name, np.float64)
             for name in (
-                *('bias_variance', 'rate_noise', 'edge_rate_noise'),
-                *('weight', 'prior', 'probability', 'likelihood', 'odds'),
+                *('bias_variance', 'rate_noise', 'weight', 'prior'),
+                *('probability', 'likelihood', 'odds'),
             )
         ),
     ]
@@ -48,9 +48,7 @@ assumes one impulse; they are sorted from the latest to the earliest impulse.
 
 state, covariance: mean and covariance of (s, w, b, d).
 bias_variance: stationary variance of the bias [rad^2].
-rate_noise: square of the random relative change of the rate per rotor spacing, while the wall is
-    inside the chain [1].
-edge_rate_noise: the same quantity while the wall is at an edge [1].
+rate_noise: square of the random relative change of the rate per rotor spacing [1].
 weight: weight of the filter in the mixture of all filters [1].
 prior, probability: prior and current probability of the filter; both are 0 for the steady filter
     and for filters that assume an impulse, and have the sum 1 over the other filters [1].
@@ -134,13 +132,13 @@ def expected_measurement(filters: Records) -> tuple[float, float]:
     return arc, variance
 
 
-@compiled(_FILTERS, _STATUS, _NUMBERS, f8, b1, f8, f8, f8)
+@compiled(_FILTERS, _STATUS, _NUMBERS, f8, f8, f8, f8, f8)
 def predict(
     filters: Records,
     status: Records,
     settings: Records,
     elapsed: float,
-    at_edge: bool,
+    exchange: float,
     ratio: float,
     acceleration: float,
     bandwidth: float,
@@ -155,7 +153,7 @@ def predict(
     transition, product = np.zeros((4, 4)), np.empty((4, 4))
     transition[ARC, ARC], transition[ARC, RATE] = 1.0, elapsed
     transition[BIAS, BIAS], transition[DISTURBANCE, DISTURBANCE] = kept, 1.0
-    damping = settings[0]['disturbance'] == 0
+    damping, base = settings[0]['disturbance'] == 0, int(status[0]['base'])
     for n in range(filters.size):
         each = filters[n]
         state, covariance = each['state'], each['covariance']
@@ -172,7 +170,9 @@ def predict(
         state[BIAS] *= kept
         each['likelihood'] *= remembered
         transform(transition, covariance, product)
-        noise = each['edge_rate_noise'] if at_edge else each['rate_noise']
+        noise = each['rate_noise']
+        if 0 < n < base:
+            noise = (math.sqrt(noise) + exchange) ** 2
         added = (speed**3 / site + status[0]['wave_noise']) * elapsed * noise
         covariance[ARC, ARC] += elapsed**2 / 3 * added
         covariance[ARC, RATE] += ratio * elapsed / 2 * added

@@ -69,6 +69,18 @@ _LEAST_IMPULSE = 0.1
 typical rate [1]."""
 
 
+def slope_variance(ratio: float, frequency: float) -> float:
+    """Return the variance of a rate due to an oscillation of the arc length of variance 1 [1/s^2].
+
+    `ratio` is the variance of the rate divided by the variance of the arc length [1/s^2], and
+    `frequency` the angular frequency of the oscillation [rad/s]. The slope of a line that is
+    fitted over a time T has the bandwidth sqrt(`ratio`) = sqrt(3) / T. Compared with a constant
+    error, an oscillation of the frequency w changes the slope by the fraction 4 / (w T).
+    """
+    relative = math.sqrt(ratio) / frequency
+    return ratio * min(4 * relative, 1.0, 1 / relative) ** 2
+
+
 class MultipleModelFilter:
     """Bank of Kalman filters for arc length along the orbit, rate, bias and disturbance."""
 
@@ -115,12 +127,11 @@ class MultipleModelFilter:
         models = np.zeros(base + settings.impulse_ages, FILTER)
         changes, biases = np.meshgrid(settings.rate_changes, settings.biases, indexing='ij')
         models['rate_noise'][1:base] = changes.ravel() ** 2
-        models['edge_rate_noise'][1:base] = (changes.ravel() + settings.change_at_edges) ** 2
         models['bias_variance'][1:base] = (self.site_arc * biases.ravel()) ** 2
         if settings.impulse_ages:
             # After an impulse, use the process noise of the middle model.
             middle = settings.rate_changes[len(settings.rate_changes) // 2]
-            models['rate_noise'][base:] = models['edge_rate_noise'][base:] = middle**2
+            models['rate_noise'][base:] = middle**2
         models['prior'][1:base] = 0.5 / max(base - 2, 1)
         models['prior'][1:2] = 0.5 if base > 2 else 1.0
         models['probability'][1:base] = models['prior'][1:base]
@@ -167,7 +178,7 @@ class MultipleModelFilter:
     def predict(
         self,
         elapsed: float,
-        at_edge: bool,
+        exchange: float = 0.0,
         ratio: float = 1.0,
         acceleration: float = 0.0,
         bandwidth: float = 0.0,
@@ -175,16 +186,17 @@ class MultipleModelFilter:
     ) -> None:
         """Predict all filters over the time `elapsed` [s].
 
-        `ratio` is the factor by which the rate changes in this time without external forces [1],
-        `acceleration` the acceleration by modelled forces [rad/s^2], and `bandwidth` the bandwidth
-        of the disturbance [rad/s]. `ripple` is added to the stationary variance of each bias
-        because of a ripple of the rate [rad^2].
+        `exchange` is the random relative change of the rate per rotor spacing by which springs
+        exchange energy with the wall at an edge [1]. `ratio` is the factor by which the rate
+        changes in the time `elapsed` without external forces [1], `acceleration` the acceleration
+        by modelled forces [rad/s^2], and `bandwidth` the bandwidth of the disturbance [rad/s].
+        `ripple` is added to the stationary variance of each bias because of a ripple of the rate
+        [rad^2].
         """
         self._status['ripple'] = ripple
         # Over the four rotor spacings of a reflection, the changes add up to twice the change per
         # spacing. They have no effect if they are smaller than the deviation of the rate.
-        change = 2 * self._settings.change_at_edges * abs(self.rate)
-        self._at_edge = at_edge and change > self.rate_deviation
+        self._at_edge = 2 * exchange * abs(self.rate) > self.rate_deviation
         rate, gained = self.rate, (acceleration + self.disturbance) * elapsed
         self._known = None
         self.expected, self.expected_variance = predict(
@@ -192,7 +204,7 @@ class MultipleModelFilter:
             self._status,
             self._settings.record,
             elapsed,
-            self._at_edge,
+            exchange if self._at_edge else 0.0,
             ratio,
             acceleration,
             bandwidth,

@@ -28,6 +28,9 @@ _EDGE_RATIO = 4.0
 value inside the chain [1]."""
 LARGEST_EXCESS = 3.0
 """Upper limit of `FrameNoise.excess`, divided by the mean square of recent residuals [1]."""
+_CORRELATION = 35 / 18
+"""Variance of a mean of squared second differences of white noise, divided by the variance that it
+would have if successive second differences were independent [1]: 1 + 2 ((2/3)^2 + (1/6)^2)."""
 _FIELD_RATIO = 3.0
 """Assumed largest squared persistent residual near a wall, divided by `FrameNoise.excess` [1]."""
 
@@ -50,8 +53,8 @@ def robust_deviation(sizes: Array) -> float:
 @compiled(const_f8_1d, const_f8_1d, const_f8_1d, const_f8_1d, i8)
 def products_in_time(
     oldest: Array, older: Array, latest: Array, tangent: Array, first: int
-) -> tuple[float, float, float, float]:
-    """Return the sums of p, t^2 p, f and f^2 over the rotors near a wall.
+) -> tuple[float, float, float, float, float, int]:
+    """Return the sums of p, t^2 p, f, f^2 and c^2 / 6 over the rotors near a wall, and a count.
 
     For a rotor, p = x (4 x' - x'') / 3 and f = t^2 (1 - t^2). Here x, x' and x'' are the residuals
     of the rotor in the latest, the older and the oldest frame [rad]. t is the component of the
@@ -60,18 +63,26 @@ def products_in_time(
     The mean of p estimates the mean square of persistent residuals (see `FrameNoise`). The fit of
     the arc length reduces the mean square residual of a rotor by the factor 1 - t^2. Therefore,
     the sum of t^2 p divided by the sum of f is a mean square without this reduction.
+
+    c = x - 2 x' + x'' is the second difference in time; the mean of c^2 / 6 is the variance of
+    noise that is independent from frame to frame. The sum contains only rotors that are inliers in
+    all three frames. The count is the number of the other inliers of the latest frame.
     """
-    total, wall, weights, squared = 0.0, 0.0, 0.0, 0.0
+    total, wall, weights, squared, second, lacking = 0.0, 0.0, 0.0, 0.0, 0.0, 0
     for n in range(tangent.size):
         before = older[first + n] * (4 / 3) - oldest[first + n] / 3
         product = latest[first + n] * before
         square = tangent[n] * tangent[n]
         weight = square - square * square
         total += product
+        if older[first + n] != 0 and oldest[first + n] != 0 and latest[first + n] != 0:
+            second += (latest[first + n] - 2 * older[first + n] + oldest[first + n]) ** 2 / 6
+        elif latest[first + n] != 0:
+            lacking += 1
         wall += square * product
         weights += weight
         squared += weight * weight
-    return total, wall, weights, squared
+    return total, wall, weights, squared, second, lacking
 
 
 class FrameNoise:
@@ -80,7 +91,9 @@ class FrameNoise:
     Noise is independent from frame to frame, whereas persistent residuals are correlated. Let c_k
     be the mean product of two residuals of the same rotor that are k frames apart. c_0 includes
     the noise. Therefore the mean square of the persistent residuals is extrapolated from c_1 and
-    c_2 as (4 c_1 - c_2) / 3. In all means, older frames have less weight.
+    c_2 as (4 c_1 - c_2) / 3. If it is significant, the variance of the noise is the mean square of
+    second differences in time. It has the same expected value as c_0 - (4 c_1 - c_2) / 3, but
+    after few frames it is much more accurate. In all means, older frames have less weight.
     """
 
     def __init__(self, given: float | None, settings: NoiseSettings = DEFAULTS.noise) -> None:
@@ -89,6 +102,7 @@ class FrameNoise:
         self._given = 0.0 if given is None else given**2
         self._recent_fade = math.exp(-1 / settings.recent_frames)
         self._squares = self._freedoms = self._recent_squares = self._recent_freedoms = 0.0
+        self._seconds = self._complete = 0.0
         self._products = self._pairs = self._wall = self._weights = self._squared_weights = 0.0
         self._earlier: tuple[LinearisedMeasurement, ...] = ()
         self.variance = self._given
@@ -102,7 +116,7 @@ class FrameNoise:
     @property
     def degrees_of_freedom(self) -> float:
         """Degrees of freedom of `variance`; infinite while it equals the given variance."""
-        return math.inf if self.variance == self._given else max(self._freedoms, 1.0)
+        return math.inf if self.variance == self._given else max(self._known, 1.0)
 
     def update(self, view: LinearisedMeasurement) -> None:
         """Update the estimates with the residuals of a frame."""
@@ -113,10 +127,12 @@ class FrameNoise:
         self._recent_freedoms = recent * self._recent_freedoms + view.degrees_of_freedom
         if len(self._earlier) == 2:
             oldest, older = self._earlier
-            total, wall, weights, squared = products_in_time(
+            total, wall, weights, squared, second, lacking = products_in_time(
                 oldest.inlying, older.inlying, view.inlying, view.tangent, view.first
             )
             frames = (oldest, older, view)
+            self._seconds = fade * self._seconds + second
+            self._complete = fade * self._complete + max(view.degrees_of_freedom - lacking, 0)
             self._products = fade * self._products + total
             self._pairs = fade * self._pairs + min(each.degrees_of_freedom for each in frames)
             self._wall = fade * self._wall + wall
@@ -144,9 +160,13 @@ class FrameNoise:
         significant. In this mean, a rotor has the weight t^2 (see `products_in_time`)."""
         # The recent residuals contain the noise, so that a larger estimate is out of date.
         most_recent = self.scatter * (1 + significance * math.sqrt(2 / max(recent, 1.0)))
-        white = min(total - self.persistent, most_recent)
+        white, self._known = total, freedoms
+        if significant and self._complete:
+            white = self._seconds / self._complete
+            self._known = self._complete / _CORRELATION
+        white = min(white, most_recent)
         white = max(white, self._settings.least_noise**2)
-        margin = 1 + significance * math.sqrt(2 / max(freedoms, 1.0))
+        margin = 1 + significance * math.sqrt(2 / max(self._known, 1.0))
         self.variance = white if white > self._given * margin else self._given
         beyond = self.scatter - self.variance
         self.waves = beyond if most_recent - self.scatter < beyond else 0.0

@@ -29,20 +29,16 @@ from soliton_linkage.estimation.measurement import (
     LinearisedMeasurement,
     ReadingScales,
 )
-from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
+from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter, slope_variance
 from soliton_linkage.estimation.noise import ResidualVariance, StampJitter
 from soliton_linkage.estimation.orbit_model import ComplianceCorrection, OrbitMeasurementModel
 from soliton_linkage.estimation.relocalisation import Candidate, Relocaliser, ScanBudget
 from soliton_linkage.estimation.settings import DEFAULTS, EstimationSettings
-from soliton_linkage.linear.bands import gap, penetration_depth
+from soliton_linkage.linear.bands import gap, penetration_depth, speed_of_sound
 from soliton_linkage.linkage.chain import Array, check_shape
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
 from soliton_linkage.orbit.orbit import Orbit
 
-_FIELD_SHARE = 0.08
-"""Assumed standard deviation of the arc length due to persistent residuals near the wall, divided
-by the rms of these residuals [1]. Sensitivity: at 0, the errors in waves are 2 % larger than the
-stated standard deviations."""
 _LEAST_PROBABILITY = 0.9
 """A search finds candidates for the position of the chain on its orbit. The chain is acquired only
 if the sum of the probabilities of all candidates is at least this [1]. The alternative is any
@@ -98,6 +94,7 @@ class OrbitFilter:
             for active in (False, True)
         ]
         self._phonon_period = 2 * math.pi / gap(chain)
+        self._sound = speed_of_sound(chain) / chain.spacing * orbit.site_arc
         self._edge = EDGE_ROTORS + penetration_depth(chain) / chain.spacing
         self._deviates = chain.deviations != NO_DEVIATIONS
         self._likelihood = FrameLikelihood(swing, settings.likelihood)
@@ -341,8 +338,8 @@ class OrbitFilter:
         # times the standard deviation of its end.
         duration = math.sqrt(3 * of_arc / of_rate)
         ripple = self._compliance.ripple_bias(rate, duration) * self.orbit.site_arc**2
-        at_edge = self._variance.at_edge
-        motion.predict(elapsed, at_edge, ratio, acceleration, self.bandwidth, ripple)
+        exchange = self._compliance.edge_exchange(rate) if self._variance.at_edge else 0.0
+        motion.predict(elapsed, exchange, ratio, acceleration, self.bandwidth, ripple)
 
     def _acceleration(self, arc: float, rate: float, elapsed: float) -> float:
         """Return the acceleration sum(tau t) / (c sum(I t^2)) along the orbit [rad/s^2].
@@ -396,15 +393,21 @@ class OrbitFilter:
         orbit, noise = self.orbit, self._variance.noise
         leader = self._hypotheses.leader
         arc, rate, arc_variance, covariance, rate_variance = leader.motion.summary
-        # Persistent residuals and unknown disorder shift the nearest point of the orbit. A wrong
-        # stamp also causes an error of the arc length. Add the variances of these errors.
+        # Add the variances of errors that unknown disorder, waves and wrong stamps cause.
         by_disorder, rate_disorder = self._model.disorder_deviations(arc)
-        field = _FIELD_SHARE**2 * noise.excess + max(self._variance.excluded, 0.0)
+        # Waves of the rms amplitude x exert oscillating forces on a wall of the speed v. The
+        # arc length oscillates with the amplitude x v / c, if the inertia is that of a slow wall.
+        # Fast walls have a larger inertia. Large variances already contain this oscillation.
+        square = min((rate / self._sound) ** 2, 1.0)
+        field = square * (1 - square) ** 3 * noise.waves
+        field += max(self._variance.excluded, 0.0)
         by_springs = self._compliance.unpredicted_change(rate, arc)
-        added = field + by_disorder**2 + rate**2 * self.jitter.variance
+        added = field**2 / (field + arc_variance) + by_disorder**2 + rate**2 * self.jitter.variance
         added += leader.rate_shift**2 * rate_variance * (4 * rate**2 + 2 * rate_variance)
         correlation = self._settings.filter.bias_way * orbit.site_arc
-        rate_added = (rate_disorder**2 + by_springs**2 + field / correlation**2) * rate**2
+        frequency = math.hypot(2 * math.pi / self._phonon_period, rate / correlation)
+        rate_added = (rate_disorder**2 + by_springs**2) * rate**2
+        rate_added += field * slope_variance(rate_variance / arc_variance, frequency)
         wall = self._hypotheses.mixture(added, rate_added)
         seen = self.view if status is not TrackingStatus.COASTING else None
         self.estimate = OrbitEstimate(

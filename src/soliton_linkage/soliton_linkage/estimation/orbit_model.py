@@ -325,6 +325,18 @@ class ComplianceCorrection:
         square = 3 * rate * rate
         return math.sqrt((1 + square * self.mu(before)) / (1 + square * self.mu(arc)))
 
+    def edge_exchange(self, rate: float) -> float:
+        """Return the random relative change of the rate per rotor spacing at an edge [1].
+
+        The springs of a wall store the fraction 3 mu w^2 / (1 + 3 mu w^2) of its energy, and
+        exchange energy with the motion while an edge reflects the wall. Without this energy, the
+        rate would change by half of the fraction. Independent changes per rotor spacing add up to
+        this change over the four rotor spacings of a reflection. Simulated walls below 0.2 times
+        the speed of sound change their rate by 0.3 to 0.8 times this change.
+        """
+        square = 3 * self._mean * rate * rate
+        return 0.25 * square / (1 + square)
+
     def unpredicted_change(self, rate: float, arc: float) -> float:
         """Return the relative standard deviation [1] of a rate that `rate_ratio` has corrected.
 

@@ -106,7 +106,8 @@ class FilterSettings(_Part):
         'leaves only the steady model',
     )
     change_at_edges: float = quantity(
-        0.03, 'additional random relative change of the rate per rotor spacing at edges'
+        0.03,
+        'random relative change of the rate per rotor spacing at edges, for several walls',
     )
     biases: tuple[float, ...] = quantity(
         (1e-4, 1e-3, 4e-3, 0.016, 0.064),

@@ -208,7 +208,8 @@ class WallTrack:
             rate = self.rate if math.isfinite(self.rate) else 0.0
             spread = 0.0 if rate else self._scale / self._arc * elapsed
             return self._line.wrap(self.rotor + rate * elapsed), spread**2 + self._variance
-        self._motion.predict(elapsed, self._line.edge_distance(self.rotor) < self._line.near)
+        near = self._line.edge_distance(self.rotor) < self._line.near
+        self._motion.predict(elapsed, self._settings.filter.change_at_edges if near else 0.0)
         if self._pinning:
             # The force on a fast wall is correlated over a quarter of a rotor spacing. A slow wall
             # oscillates in a potential well with the angular frequency pi u; the force on it is
