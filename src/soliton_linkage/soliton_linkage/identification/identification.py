@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -89,6 +90,14 @@ _MOST_FITTED = 3000
 """Largest number of frames in the fit of a motion; for 40 rotors, this fit takes 20 s or more."""
 
 
+class _Known(NamedTuple):
+    chain: Chain
+    noise: float
+    """Standard deviation of a reading [rad]."""
+    tolerance: float | None
+    spacing_known: bool
+
+
 def identify(
     readings: Readings,
     given: Chain,
@@ -140,35 +149,31 @@ def _identified(
         check_jumps(recording, noise)
     _check_passage(used.recordings)
     used, adjusted = _adjusted(used, noise, tolerance)
-    known = spacing_known or not readings.gravity.acceleration
+    spacing_known = spacing_known or not readings.gravity.acceleration
     stages.enter(_ADJUSTED, _ADJUSTED)
-    found = _by_model(used, adjusted, given, noise, tolerance, known, stages)
+    known = _Known(given, noise, tolerance, spacing_known)
+    found = _by_model(used, adjusted, known, stages)
     outliers = np.isfinite(readings.angles).sum() - np.isfinite(used.angles).sum()
     stages.enter(1.0, 1.0)
     return replace(found, outliers=int(outliers))
 
 
 def _by_model(
-    readings: Readings,
-    found: Adjustment,
-    given: Chain,
-    noise: float,
-    tolerance: float | None,
-    spacing_known: bool,
-    stages: Stages,
+    readings: Readings, found: Adjustment, known: _Known, stages: Stages
 ) -> Identification:
+    noise = known.noise
     impulses = [impulse.time for impulse in readings.impulses]
     frames = informative_frames(readings.times, readings.unwrapped, impulses, _MOST_FITTED)
     unused = len(readings.times) - len(frames)
     some = replace(readings, angles=readings.unwrapped).select(frames)
-    inputs = found.residuals[frames], found, given, noise, tolerance, spacing_known, stages
+    residuals = found.residuals[frames]
     bar_noise = max(noise, found.noise)
     scores = bar_scores(readings, found, bar_noise)
     fault = encoder_fault(readings.joints, *scores)
     clear = fault if fault and fault.decrease > _CLEAR**2 else None
 
     def excess_of(fit: MotionFit) -> tuple[float, tuple[float, float]]:
-        lengths = 0.0 if tolerance else fit.prior.tolerances.lengths
+        lengths = 0.0 if known.tolerance else fit.prior.tolerances.lengths
         return fit.noise / noise, (lengths, fit.prior.mass_deviation)
 
     def check_clear(fitted: tuple[MotionFitter, MotionFit] | str) -> None:
@@ -179,7 +184,7 @@ def _by_model(
     def fit_springs(
         part: Readings, windows: Sequence[FreeWindow]
     ) -> tuple[MotionFitter, MotionFit] | str:
-        return _fit_springs(part, *inputs, begun=windows)
+        return _fit_springs(part, residuals, found, known, stages, windows)
 
     fitted, kicks = fit_around_kicks(some, fit_springs, noise, max(found.noise, LEAST_NOISE))
     check_clear(fitted)
@@ -187,7 +192,7 @@ def _by_model(
         # A force strains springs, so that the readings of several encoders do not fit bars.
         likelier = not bars_explain(found, noise)
         fault = clear or (fault and fault.or_force(readings.joints, likelier))
-        result = _by_bars(readings, some, found, given, noise, tolerance, spacing_known, fault)
+        result = _by_bars(readings, some, found, known, fault)
         reason = (_RIGID.format(fitted),) if fitted else ()
         return _with_possible(replace(result, warnings=(*reason, *result.warnings)), fault)
     fitter, fit = fitted
@@ -196,7 +201,7 @@ def _by_model(
     fault = fault and shown_by_bars(fault, readings.joints, *scores)
     check_explained('springs', *excess_of(fit), fit.residuals, some, fault)
     fit = fitter.sampled(fit)
-    given = _scaled(given, readings, fit.motion.gravity)
+    given = _scaled(known.chain, readings, fit.motion.gravity)
     scale = mass_scale(fit, some, given.spacing)
     result = by_springs(fit, given, noise, scale, unused)
     if kicks:
@@ -210,23 +215,21 @@ def _by_bars(
     readings: Readings,
     some: Readings,
     found: Adjustment,
-    given: Chain,
-    noise: float,
-    tolerance: float | None,
-    spacing_known: bool,
+    known: _Known,
     fault: EncoderFault | None,
 ) -> Identification:
+    noise = known.noise
     residuals = found.residuals / readings.relative_deviations
     check_slips(readings, residuals, max(noise, found.noise))
     if not found.converged:
         raise ValueError(_NOT_CLOSED)
-    spread = 0.0 if tolerance else found.tolerances.lengths
+    spread = 0.0 if known.tolerance else found.tolerances.lengths
     check_explained('bars', found.noise / noise, (spread, 0.0), residuals, readings, fault)
     strained = found.noise > STRAINED * noise
-    moved = None if strained else _fit_bars(some, found, given, spacing_known)
+    moved = None if strained else _fit_bars(some, found, known)
     if moved is None:
-        return by_bonds(found, given, noise, None, 0)
-    given = _scaled(given, readings, moved.gravity)
+        return by_bonds(found, known.chain, noise, None, 0)
+    given = _scaled(known.chain, readings, moved.gravity)
     return by_bonds(found, given, noise, moved, len(readings.times) - len(some.times))
 
 
@@ -277,12 +280,8 @@ def _fit_springs(
     some: Readings,
     residuals: Array,
     found: Adjustment,
-    given: Chain,
-    noise: float,
-    tolerance: float | None,
-    spacing_known: bool,
+    known: _Known,
     stages: Stages,
-    *,
     begun: Sequence[FreeWindow],
 ) -> tuple[MotionFitter, MotionFit] | str:
     """Return a fit of springs, or the reason if it fails, or '' if rigid bars fit equally well.
@@ -292,7 +291,7 @@ def _fit_springs(
     """
     rotors = found.lengths.rotors
     angles = some.filled - found.lengths.offsets - residuals
-    stiffness = given.stiffness / given.mass
+    stiffness = known.chain.stiffness / known.chain.mass
     zeros, ones = np.zeros(rotors), np.ones(rotors)
     start = FreeMotion(
         found.lengths,
@@ -301,27 +300,25 @@ def _fit_springs(
         0.0,
         zeros,
         zeros,
-        gravity=some.gravity.acceleration / given.spacing,
+        gravity=some.gravity.acceleration / known.chain.spacing,
     )
     windows = begun or initial_windows(some.times, angles, start, some.interruptions, some.tilt_at)
     if not windows:
         return 'no 30 successive frames of free motion lie between impulses and gaps'
-    inputs = some.times, some.unwrapped, some.relative_deviations, noise
+    inputs = some.times, some.unwrapped, some.relative_deviations, known.noise
     try:
-        fitter = MotionFitter(windows, *inputs, tolerance, spacing_known, stages)
+        fitter = MotionFitter(windows, *inputs, known.tolerance, known.spacing_known, stages)
         fitted = fitter.fit(found.noise, bool(begun))
     except np.linalg.LinAlgError:
         return 'the fit of springs did not converge'
     return (fitter, fitted) if fitted else ''
 
 
-def _fit_bars(
-    some: Readings, found: Adjustment, given: Chain, spacing_known: bool
-) -> BarMotion | None:
-    acceleration = some.gravity.acceleration / given.spacing
+def _fit_bars(some: Readings, found: Adjustment, known: _Known) -> BarMotion | None:
+    acceleration = some.gravity.acceleration / known.chain.spacing
     some = replace(some, gravity=replace(some.gravity, acceleration=acceleration))
     noise = max(found.noise, LEAST_NOISE)
     try:
-        return bar_motion(some, found.lengths, found.covariance, noise, spacing_known)
+        return bar_motion(some, found.lengths, found.covariance, noise, known.spacing_known)
     except (ValueError, ArithmeticError, np.linalg.LinAlgError):
         return None

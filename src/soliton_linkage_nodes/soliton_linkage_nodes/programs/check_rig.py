@@ -21,8 +21,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rclpy.experimental import EventsExecutor
-from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from soliton_linkage.command_line import PlainParser
@@ -60,8 +58,8 @@ from soliton_linkage_nodes.programs.command_line import (
     ros_client,
 )
 from soliton_linkage_nodes.runtime import interfaces
-from soliton_linkage_nodes.runtime.parameters import declare, reject_unknown
-from soliton_linkage_nodes.runtime.process import spin_until
+from soliton_linkage_nodes.runtime.parameters import declare
+from soliton_linkage_nodes.runtime.process import WaitingNode
 from soliton_linkage_nodes.runtime.stamps import SECOND, nanoseconds_of
 from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription
 from soliton_linkage_studies.pictures import rig_page
@@ -80,30 +78,24 @@ _AFTER_TURN = 2.0
 """After a rotor has turned, the program records frames for this time [s]."""
 
 
-class CheckRig(Node):
+class CheckRig(WaitingNode):
     """Node that records joint states while a person turns rotors of the rig."""
 
     def __init__(self, stopping: threading.Event, **kwargs: Any) -> None:
-        super().__init__('check_rig', **kwargs)
-        source, given = declare(self, ChainSourceParameters), declare_chain(self)
-        reject_unknown(self)
+        super().__init__('check_rig', stopping, **kwargs)
         self.named: NamedChain | None = None
-        self._joints = source.joint_names
-        self._stopping = stopping
+        self._joints = self._source.joint_names
         self._chains: list[msg.Chain] = []
         self._received: list[tuple[int, JointState]] = []
         self._joint_states = AdaptiveSubscription(self, interfaces.JOINT_STATES, self.receive)
-        if source.chain_from == 'parameters':
-            self.named = with_joints(given, self._joints)
+        if self._source.chain_from == 'parameters':
+            self.named = with_joints(self._given, self._joints)
         else:
             AdaptiveSubscription(self, interfaces.CHAIN, self._chains.append)
-        self._executor = EventsExecutor(context=self.context)
-        self._executor.add_node(self)
 
-    def destroy_node(self) -> None:
-        """Destroy the node and its executor."""
-        self._executor.shutdown()
-        super().destroy_node()
+    def declare_own(self) -> None:
+        """Declare the parameters of the source of the chain."""
+        self._source, self._given = declare(self, ChainSourceParameters), declare_chain(self)
 
     def check(self, seconds: float, limit: float, turn: bool) -> RigFindings | None:
         """Watch the rig at rest for `seconds` [s], and return the findings, or None after Ctrl-C.
@@ -112,7 +104,7 @@ class CheckRig(Node):
         for frames takes at most `limit` [s]. If no rotor turns in this time, a finding reports it.
         Raises ValueError if no frames arrive.
         """
-        if not self._wait(lambda: self._received, limit) and not self._stopping.is_set():
+        if not self._wait(lambda: self._received, limit) and not self.stopping.is_set():
             raise ValueError(
                 f'no joint_states within {limit:g} s; start serial_encoders, camera_encoders or '
                 'your own driver'
@@ -121,7 +113,7 @@ class CheckRig(Node):
             self.named = with_joints(chain_from_msg(self._chains[-1]), self._joints)
         self._received.clear()
         self._watch(seconds, 'watching; do not touch the rig')
-        if self._stopping.is_set():
+        if self.stopping.is_set():
             return None
         if not self._received:
             raise ValueError('joint_states stopped before the check; keep its publisher running')
@@ -131,7 +123,7 @@ class CheckRig(Node):
             edges.reverse()
         mixed = self._mixed_publishers()
         asked = [self._turn(*edge, limit) for edge in edges] if turn and not mixed else []
-        if self._stopping.is_set():
+        if self.stopping.is_set():
             return None
         turns = [each for each in asked if each is not None]
         found = check_rig(watched, turns, names, self.named.chain if self.named else None)
@@ -212,7 +204,7 @@ class CheckRig(Node):
             polled = time.monotonic()
             return bool(condition())
 
-        return spin_until(self._executor, poll, seconds, self._stopping.is_set)
+        return self.wait(poll, seconds)
 
     def _watch(self, seconds: float, title: str) -> None:
         progress, begin = ProgressLine(title, round(10 * seconds)), time.monotonic()

@@ -60,14 +60,18 @@ def spin_until(
 
 
 class WaitingNode(Node):
-    """Node without parameters that receives messages only during `wait`."""
+    """Node that receives messages only during `wait`."""
 
     def __init__(self, name: str, stopping: threading.Event, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)
         self.stopping = stopping
+        self.declare_own()
         reject_unknown(self)
         self._waiting = EventsExecutor(context=self.context)
         self._waiting.add_node(self)
+
+    def declare_own(self) -> None:
+        """Declare the parameters of the node; by default, there are none."""
 
     def wait(self, condition: Callable[[], Any], seconds: float) -> bool:
         """Spin until `condition()`; return False after `seconds` or when `stopping` is set."""
