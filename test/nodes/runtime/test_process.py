@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+import weakref
 from itertools import cycle
 
 import pytest
@@ -64,17 +65,23 @@ def test_a_simulator_that_computes_a_long_frame_stops_as_well(graph, start):
     assert program.stop() == 0
 
 
-def test_a_suppressed_interrupt_ends_the_block_at_its_end():
-    stopping = threading.Event()
+def lose() -> None:
+    weakref.finalize(threading.Event(), signal.raise_signal, signal.SIGTERM)
 
-    @interruptible(stopping)
-    def suppress() -> None:
-        with contextlib.suppress(KeyboardInterrupt):
-            signal.raise_signal(signal.SIGTERM)
 
+def suppress() -> None:
+    with contextlib.suppress(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGTERM)
+
+
+@pytest.mark.parametrize('swallow', [suppress, lose])
+def test_an_interrupt_that_is_lost_ends_the_block_at_its_end(swallow, monkeypatch):
+    stopping, printed = threading.Event(), []
+    monkeypatch.setattr(sys, 'unraisablehook', printed.append)
     with pytest.raises(KeyboardInterrupt):
-        suppress()
+        interruptible(stopping)(swallow)()
     assert stopping.is_set()
+    assert printed == []
 
 
 def test_a_slice_ends_under_a_continuous_stream_of_messages(graph):

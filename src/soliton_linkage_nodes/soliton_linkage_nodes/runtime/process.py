@@ -106,8 +106,10 @@ def interruptible(stopping: threading.Event) -> Iterator[None]:
     """Run a block in which SIGINT and SIGTERM set `stopping` and raise KeyboardInterrupt.
 
     If `stopping` is already set, KeyboardInterrupt is raised at the start of the block. If a
-    library suppresses the exception, it is raised again at the end of the block.
+    library suppresses the exception, or it is raised in a callback whose errors Python only
+    prints, it is raised again at the end of the block.
     """
+    show = sys.unraisablehook
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
 
     def check() -> None:
@@ -120,11 +122,13 @@ def interruptible(stopping: threading.Event) -> Iterator[None]:
 
     for number in handlers:
         signal.signal(number, interrupt)
+    sys.unraisablehook = lambda lost: lost.exc_type is KeyboardInterrupt or show(lost)
     try:
         check()
         yield
         check()
     finally:
+        sys.unraisablehook = show
         for number, handler in handlers.items():
             signal.signal(number, handler)
 
