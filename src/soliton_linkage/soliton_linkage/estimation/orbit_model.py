@@ -26,7 +26,7 @@ from soliton_linkage.estimation.settings import EstimationSettings
 from soliton_linkage.linear.bands import band_edges, gap
 from soliton_linkage.linear.rigidity import rigidity_bands
 from soliton_linkage.linear.statics import gram_matrix_bands
-from soliton_linkage.linkage.chain import Array
+from soliton_linkage.linkage.chain import Array, Motion
 from soliton_linkage.linkage.deviations import NO_DEVIATIONS
 from soliton_linkage.orbit.orbit import Orbit
 from soliton_linkage.orbit.uniform_orbit import UniformOrbit
@@ -235,12 +235,15 @@ _SECOND_ORDER = 0.5
 """The rate change that `rate_ratio` predicts has a relative error of (`_SECOND_ORDER` x)^2. Here x
 is the speed of the wall divided by the limit `_SLOW` [1]. The error was measured at x = 1."""
 
-_RADIATION = 0.2
-"""Relative bandwidth of the resonance of the slowest phonon with the ripple of the rate of a fast
-wall [1]; `ComplianceCorrection` defines the ripple. The bandwidth is not 0, because the wall
-radiates phonons. With this value, the standard deviations of the site from `ripple` and from
-simulations of a wobbling flipper and of a spinner agree within a factor of 2 at speeds from 0.1 to
-0.25 times the speed of sound."""
+_SHAPE_MODE = math.sqrt(3) / 2
+"""Frequency of the shape mode of a wall of the phi^4 equation, divided by the frequency of the
+slowest phonon [1]. Walls of the sine-Gordon equation, and thus spinners, have no shape mode."""
+_RADIATION = 0.5
+"""Relative bandwidth of the resonance of a wall with the ripple of its rate, if the wall is fast
+[1]; `ComplianceCorrection` defines the ripple. The bandwidth is not 0, because
+the wall radiates phonons. With this value, the standard deviations of the site from `ripple` and
+from simulations of five wobbling flippers and a spinner agree within a factor of 2 at speeds from
+0.13 to 0.32 times the speed of sound."""
 _RIPPLE_SHARE, _CORRELATED = 0.15, 1.5
 """Constants c and 3 L in the variance m^2 = c (s P)^2 / (x - 3 L) of the bias of `ripple_bias`
 [1/rotor spacing, rotor spacings]. L = 0.5 is the correlation length of the bias, and c is
@@ -284,6 +287,8 @@ class ComplianceCorrection:
         )
         self._site_period = 2 if odd > even else 1
         self._resonance = gap(chain) * self._site_period * orbit.site_arc / (2 * math.pi)
+        if chain.motion is not Motion.SPINNER:
+            self._resonance *= _SHAPE_MODE
         self._adiabatic = _SLOW * gap(chain) * orbit.site_arc / (2 * math.pi)
         lowest_order = math.sqrt(_LOWEST_ORDER / (3 * np.max(self._mu)))
         self._fastest = min(self._adiabatic, lowest_order)
@@ -357,9 +362,9 @@ class ComplianceCorrection:
     def ripple(self, rate: float) -> float:
         """Return the variance of the site of a wall due to the ripple of its rate [spacings^2].
 
-        The deformation of the wall responds to the ripple like a driven oscillator with the
-        frequency of the slowest phonon. The result is 0 for slow walls, because `rate_ratio`
-        predicts their rate.
+        The deformation of the wall responds to the ripple like a driven oscillator. Its frequency
+        is that of the slowest phonon for a spinner, and of the shape mode for other walls. The
+        result is 0 for slow walls, because `rate_ratio` predicts their rate.
         """
         if abs(rate) <= self._fastest:
             return 0.0
