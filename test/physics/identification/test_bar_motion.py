@@ -61,6 +61,19 @@ def test_masses_and_damping_follow_from_the_speed_of_a_wall():
     assert abs(error) < 3 * found.damping_deviation
 
 
+def test_masses_that_imitate_a_kick_cause_a_warning():
+    free = recorded(NO_GRAVITY, 0.6, 14.0)
+    # Every fifth frame, then every fourth: the speed of the wall suddenly decreases by 20 %.
+    frames = np.concatenate([np.arange(0, 200, 5), np.arange(199, 400, 4)])
+    times = 5 * PERIOD * np.arange(len(frames))
+    kicked = Readings(times, read(free.angles[frames], 1, 2 * NOISE)[0])
+    warnings = identify(kicked, Chain(spacing=SPACING)).warnings
+    assert [each for each in warnings if each.startswith('the masses vary by')]
+    readings = replace(free, angles=read(free.angles, 1, NOISE)[0])
+    free_warnings = identify(readings, Chain(spacing=SPACING)).warnings
+    assert not [each for each in free_warnings if each.startswith('the masses vary by')]
+
+
 def test_gravity_at_two_tilts_determines_the_scale_of_all_lengths():
     """Lengths and offsets are known to 1 %."""
     both = noisy(
