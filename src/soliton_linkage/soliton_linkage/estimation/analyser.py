@@ -102,7 +102,9 @@ class Analyser:
         if self._orbit is not None:
             begin, end = self._orbit.leg_arcs(0)
             swing = max((end - begin) / self._orbit.site_arc - (chain.number_of_rotors - 1), 0.0)
-        self._tracker = WallTracker(self._line, 1 / chain.time_unit, arc, swing, settings)
+        compliance = None if self._filter is None else self._filter.compliance
+        scale = 1 / chain.time_unit
+        self._tracker = WallTracker(self._line, scale, arc, swing, settings, compliance)
         # Compute the shapes before any frame: this takes as long as hundreds of frames.
         self._shape_model: ShapeMeasurementModel | None = None
         with suppress(ValueError, ArithmeticError):

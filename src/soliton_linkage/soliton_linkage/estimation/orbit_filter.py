@@ -88,7 +88,7 @@ class OrbitFilter:
         swing, rotors = rotor_swing(chain), chain.number_of_rotors
         self._relocaliser = Relocaliser(orbit, settings.likelihood)
         self._budget = ScanBudget(settings.tracking)
-        self._compliance = ComplianceCorrection(orbit)
+        self.compliance = ComplianceCorrection(orbit)
         self._forces = [
             term_table([each for each in of_chain(chain) if each.active is active], rotors)
             for active in (False, True)
@@ -149,7 +149,7 @@ class OrbitFilter:
         """Add the rate change by an impulse, and the variance of this change, to the estimate."""
         for each in self._hypotheses.all:
             rigid, rate = self._rate_change(impulse.impulses, each), each.motion.rate
-            change = self._compliance.rate_after_impulse(rate, rigid) - rate
+            change = self.compliance.rate_after_impulse(rate, rigid) - rate
             each.motion.apply_impulse(change, (rigid - change) ** 2, (change * impulse.ago) ** 2)
         if self._hypotheses.all:
             self._report(self.estimate.time, self.estimate.status)
@@ -330,15 +330,15 @@ class OrbitFilter:
     def _predict(self, motion: MultipleModelFilter, elapsed: float, acceleration: float) -> None:
         arc, rate, of_arc, _, of_rate = motion.summary
         ahead = arc + rate * elapsed
-        ratio = self._compliance.rate_ratio(ahead, rate, arc)
+        ratio = self.compliance.rate_ratio(ahead, rate, arc)
         if self._deviates:
             ratio *= self.orbit.free_rate(ahead) / self.orbit.free_rate(arc)
         acceleration += self._acceleration(arc + rate * elapsed / 2, rate, elapsed)
         # If a line is fitted over the time T, the standard deviation of its slope is sqrt(3) / T
         # times the standard deviation of its end.
         duration = math.sqrt(3 * of_arc / of_rate)
-        ripple = self._compliance.ripple_bias(rate, duration) * self.orbit.site_arc**2
-        exchange = self._compliance.edge_exchange(rate) if self._variance.at_edge else 0.0
+        ripple = self.compliance.ripple_bias(rate, duration) * self.orbit.site_arc**2
+        exchange = self.compliance.edge_exchange(rate) if self._variance.at_edge else 0.0
         motion.predict(elapsed, exchange, ratio, acceleration, self.bandwidth, ripple)
 
     def _acceleration(self, arc: float, rate: float, elapsed: float) -> float:
@@ -357,7 +357,7 @@ class OrbitFilter:
         chain, (passive, active) = self.orbit.chain, self._forces
         if not (len(passive.kinds) or len(active.kinds) or chain.feedback.acts):
             return 0.0
-        gamma, inertia = self._compliance.contraction(rate)
+        gamma, inertia = self.compliance.contraction(rate)
         tangent, angles = self.orbit.tangent(arc), self.orbit.configuration(arc)
         torques, rates = np.zeros(len(tangent)), gamma * rate * tangent
         # Active terms are proportional to differences of coordinates.
@@ -401,7 +401,7 @@ class OrbitFilter:
         square = min((rate / self._sound) ** 2, 1.0)
         field = square * (1 - square) ** 3 * noise.waves
         field += max(self._variance.excluded, 0.0)
-        by_springs = self._compliance.unpredicted_change(rate, arc)
+        by_springs = self.compliance.unpredicted_change(rate, arc)
         added = field**2 / (field + arc_variance) + by_disorder**2 + rate**2 * self.jitter.variance
         added += leader.rate_shift**2 * rate_variance * (4 * rate**2 + 2 * rate_variance)
         correlation = self._settings.filter.bias_way * orbit.site_arc

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from soliton_linkage.estimation.estimates import EventKind, OrbitEstimate, TrackingStatus
 from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
 from soliton_linkage.estimation.noise import ResidualVariance
+from soliton_linkage.estimation.orbit_model import ComplianceCorrection
 from soliton_linkage.estimation.settings import EstimationSettings, WallSettings
 from soliton_linkage.estimation.state_report import (
     FrameErrors,
@@ -168,11 +169,14 @@ class WallTrack:
         scale: float,
         site_arc: float,
         settings: EstimationSettings,
+        compliance: ComplianceCorrection | None = None,
     ) -> None:
         """Start without measurements.
 
         `scale` is the typical rate [rad/s], and `site_arc` the arc length per rotor spacing [rad].
+        `compliance` describes the ripple of the rate; None if there is no ripple.
         """
+        self._compliance = compliance
         self._line, self._scale, self._arc, self._settings = line, scale, site_arc, settings
         self.charge = charge
         self.id = 0
@@ -208,8 +212,14 @@ class WallTrack:
             rate = self.rate if math.isfinite(self.rate) else 0.0
             spread = 0.0 if rate else self._scale / self._arc * elapsed
             return self._line.wrap(self.rotor + rate * elapsed), spread**2 + self._variance
+        ripple = 0.0
+        if self._compliance is not None:
+            _, rate, of_arc, _, of_rate = self._motion.summary
+            duration = math.sqrt(3 * of_arc / of_rate)
+            ripple = self._compliance.ripple_bias(rate, duration) * self._arc**2
         near = self._line.edge_distance(self.rotor) < self._line.near
-        self._motion.predict(elapsed, self._settings.filter.change_at_edges if near else 0.0)
+        exchange = self._settings.filter.change_at_edges if near else 0.0
+        self._motion.predict(elapsed, exchange, ripple=ripple)
         if self._pinning:
             # The force on a fast wall is correlated over a quarter of a rotor spacing. A slow wall
             # oscillates in a potential well with the angular frequency pi u; the force on it is

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from soliton_linkage.estimation.estimates import EventKind, SolitonEvent
+from soliton_linkage.estimation.orbit_model import ComplianceCorrection
 from soliton_linkage.estimation.settings import EstimationSettings
 from soliton_linkage.estimation.wall_track import (
     Encounter,
@@ -73,6 +74,7 @@ class WallTracker:
         site_arc: float,
         swing: float,
         settings: EstimationSettings,
+        compliance: ComplianceCorrection | None = None,
     ) -> None:
         """Start without walls.
 
@@ -82,6 +84,7 @@ class WallTracker:
         self._line, self._scale, self._arc = line, scale, site_arc
         self._edge_way = swing + 2 * line.near
         self._settings, self._gate = settings, settings.noise.significance
+        self._compliance = compliance
         self._next = 1
         self.restart()
 
@@ -127,10 +130,14 @@ class WallTracker:
                 track.missed += 1
         for column, wall in enumerate(others):
             if column not in pairs.values():
-                track = WallTrack(line, wall.charge, self._scale, self._arc, self._settings)
+                track = self._new_track(wall.charge)
                 track.update(wall, time)
                 self._tracks.append(track)
         return self._resolve(time, frame, confirming)
+
+    def _new_track(self, charge: int) -> WallTrack:
+        given = self._line, charge, self._scale, self._arc, self._settings
+        return WallTrack(*given, self._compliance if charge > 0 else None)
 
     def _is_undisturbed(self, seen: Sequence[WallMeasurement]) -> bool:
         if len(self._tracks) != 1 or len(seen) != 1 or seen[0].estimate is None:
