@@ -8,6 +8,7 @@ import time
 from itertools import count, pairwise
 from typing import Any
 
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
@@ -19,9 +20,6 @@ from soliton_linkage_nodes.runtime.subscriptions import AdaptiveSubscription
 _QOS = QoSProfile(depth=1000)
 """Quality of service that `echo` and `hz` request. If a publisher offers only best effort, they
 use best effort."""
-_LINGER = 0.1
-"""The publisher exists for this time after the last message [s], so that the message still leaves
-the process."""
 
 
 def main(arguments: list[str]) -> int:
@@ -149,4 +147,4 @@ def _publish(visitor: Visitor, options: argparse.Namespace) -> None:
         if number == times:
             break
         visitor.rest(begin + number / options.rate - time.monotonic())
-    visitor.rest(_LINGER)
+    publisher.wait_for_all_acked(Duration(seconds=visitor.limit))

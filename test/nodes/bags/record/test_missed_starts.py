@@ -54,7 +54,9 @@ def test_a_publisher_that_sends_before_it_is_matched_is_reported(graph, tmp_path
     # first messages.
     qos = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
     publisher = graph.user.create_publisher(JointState, name, qos)
-    sent = 0
+    publisher.publish(JointState())
+    # On a busy machine, the recorder rarely subscribes before the first message.
+    missing, sent = publisher.get_subscription_count() == 0, 1
 
     def send() -> bool:
         nonlocal sent
@@ -64,7 +66,9 @@ def test_a_publisher_that_sends_before_it_is_matched_is_reported(graph, tmp_path
 
     graph.until(send, 'some messages')
     graph.until(lambda: recorder.messages + recorder.missed == sent, 'the rest')
-    assert recorder.missed > 0
+    assert recorder.missed > 0 or not missing
+    if not recorder.missed:
+        return
     report = graph.next_report('bag_recorder')
     assert values(report)[f'missed on /{name}'] == str(recorder.missed)
     assert report.level == report.WARN
