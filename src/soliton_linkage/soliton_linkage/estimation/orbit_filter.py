@@ -396,8 +396,8 @@ class OrbitFilter:
         # Add the variances of errors that unknown disorder, waves and wrong stamps cause.
         by_disorder, rate_disorder = self._model.disorder_deviations(arc)
         # Waves of the rms amplitude x exert oscillating forces on a wall of the speed v. The
-        # arc length oscillates with the amplitude x v / c, if the inertia is that of a slow wall.
-        # Fast walls have a larger inertia. Large variances already contain this oscillation.
+        # arc length of a slow wall oscillates with the amplitude x v / c. Fast walls have a larger
+        # inertia. Large variances already contain this oscillation.
         square = min((rate / self._sound) ** 2, 1.0)
         field = square * (1 - square) ** 3 * noise.waves
         field += max(self._variance.excluded, 0.0)

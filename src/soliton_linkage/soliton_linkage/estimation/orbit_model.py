@@ -362,8 +362,8 @@ class ComplianceCorrection:
     def ripple(self, rate: float) -> float:
         """Return the variance of the site of a wall due to the ripple of its rate [spacings^2].
 
-        The deformation of the wall responds to the ripple like a driven oscillator. Its frequency
-        is that of the slowest phonon for a spinner, and of the shape mode for other walls. The
+        The deformation of the wall responds to the ripple like a driven oscillator, with the
+        frequency of the slowest phonon for a spinner, and of the shape mode for other walls. The
         result is 0 for slow walls, because `rate_ratio` predicts their rate.
         """
         if abs(rate) <= self._fastest:

@@ -131,7 +131,7 @@ def _fitted(stretches: Callable[[float], Array], largest: float) -> tuple[Array,
 
 
 def chain_findings(bonds: Bonds, names: Sequence[str]) -> Iterator[RigFinding]:
-    """Yield whether the bond lengths at rest are those of the chain."""
+    """Yield whether the bond lengths at rest agree with the chain."""
     now = bonds.stretches(bonds.angles)
     if not np.isfinite(now).any():
         return
