@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soliton_linkage.estimation.estimates import EventKind, OrbitEstimate, TrackingStatus
-from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter
+from soliton_linkage.estimation.multiple_model_filter import MultipleModelFilter, slope_variance
 from soliton_linkage.estimation.noise import ResidualVariance
 from soliton_linkage.estimation.orbit_model import ComplianceCorrection
 from soliton_linkage.estimation.settings import EstimationSettings, WallSettings
@@ -262,20 +262,16 @@ class WallTrack:
         arc, rate, of_arc, _, of_rate = self._motion.summary
         self.rotor, self.rate = self._line.wrap(arc / self._arc), rate / self._arc
         # The filter does not include the error due to persistent residuals. This error oscillates
-        # with the waves, and changes while the wall moves. The slope of a line that is fitted over
-        # a time T has the bandwidth sqrt(3) / T. Compared with a constant error, an oscillation of
-        # frequency w changes the slope by the fraction 4 / (w T).
+        # with the waves, and changes while the wall moves.
         speed = self.rate / self._settings.filter.bias_way
-        change = math.hypot(speed, 2 * math.pi / self._line.period)
-        relative = math.sqrt(of_rate / of_arc) / change
-        kept = min(4 * relative, 1.0, 1 / relative) ** 2
+        frequency = math.hypot(speed, 2 * math.pi / self._line.period)
         bias = measured.bias
         if math.isfinite(measured.rest):
             # Waves deform a pinned anti-kink, which looks like a displacement from its rest site.
             apart = math.remainder(self.rotor - measured.rest, 1.0)
             chance = _CHANCE**2 * (of_arc / self._arc**2 + bias)
             bias += max(apart**2 - chance, 0.0)
-        of_rate *= 1 + bias * self._arc**2 / of_arc * kept
+        of_rate += bias * self._arc**2 * slope_variance(of_rate / of_arc, frequency)
         self.deviation = math.sqrt(of_arc / self._arc**2 + bias)
         self.rate_deviation = math.sqrt(of_rate) / self._arc
 
